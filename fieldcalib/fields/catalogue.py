@@ -256,7 +256,7 @@ def field(name: str, **options: Any) -> Field:
     >>> field("tenis")
     Traceback (most recent call last):
         ...
-    ValueError: expected a field among ..., volleyball, got 'tenis'; did you mean tennis?
+    ValueError: expected a field among ..., volleyball-women, got 'tenis'; did you mean tennis?
     """
     if isinstance(name, str) and name in FIELDS:
         return FIELDS[name](**options)

@@ -139,7 +139,7 @@ def field_from_record(record: Mapping[str, Any]) -> Field:
     _check_keys(record, ("length", "width", "segments"), (*OPTIONAL, "mirrored"))
     record = _named("size_model", _with_crown_apart, record)
     length, width = (_named(name, _number, record[name]) for name in ("length", "width"))
-    parts = record["segments"] if isinstance(record["segments"], list) else [record["segments"]]
+    parts = record["segments"] if record["segments"] and isinstance(record["segments"], list) else [record["segments"]]
     parts = [_named("segments", partial(_by_label, _segment), part) for part in parts]
     is_quarter = _named("mirrored", _boolean, record.get("mirrored", False))
     segments = mirrored(*parts) if is_quarter else {label: one for part in parts for label, one in part.items()}

@@ -200,7 +200,7 @@ class Task:
         dist_coeffs = given.dist_coeffs if start is None else start.dist
         # size and crown of the field are parameters where they are unknown and have a prior
         sized = None if self.prior is None else self.field
-        layout = _layout(image_size, frozenset(nonzero_coefficients(dist_coeffs)), flags, sized)
+        layout = _layout(image_size, _lens(image_size, dist_coeffs, flags), flags, sized)
         if not np.any(layout.free[POSE_AND_ZOOM]):
             raise ValueError(
                 "the flags leave nothing to estimate: focal length, position and rotation are all fixed; leave out one "
@@ -418,21 +418,27 @@ _stands = lru_cache(maxsize=64)(gaussian_priors)
 
 
 @lru_cache(maxsize=64)  # the same for all pictures of a size
-def _layout(
-    image_size: tuple[int, int], coefficients: frozenset[str], flags: CalibrationFlags, field: Field | None
-) -> Layout:
-    """The layout, with roles by the flags and the smallest lens that has all known and estimated coefficients.
+def _layout(image_size: tuple[int, int], lens: Lens, flags: CalibrationFlags, field: Field | None) -> Layout:
+    """The layout, with roles by the flags.
 
     An unknown size of the field is considered: it is kept, and its uncertainty enters that of the camera.
     """
-    rho = float(np.hypot(*image_size) / 2.0)
-    known = {block for flag, blocks in BLOCKS_OF_FLAGS.items() if flags & flag for block in blocks}
-    if flags & F.CALIB_FISHEYE:
-        lens: Lens = FisheyeLens(rho)
-    else:
-        estimated = {"k1", "k2", "k3", "p1", "p2"} - known
-        lens = lens_with({"k1", *estimated, *coefficients}, rho)
     layout = Layout.of(image_size, lens, None if field is None else SizeBlock.of(field))
     if layout.is_sized:
         layout = layout.with_roles(Role.CONSIDERED, "field size")
-    return layout.fixed(*(block for block in known if block in layout.blocks))
+    return layout.fixed(*(block for block in _known_blocks(flags) if block in layout.blocks))
+
+
+def _lens(image_size: tuple[int, int], dist_coeffs: ArrayLike | None, flags: CalibrationFlags) -> Lens:
+    """The smallest lens that has all known and estimated coefficients."""
+    rho = float(np.hypot(*image_size) / 2.0)
+    if flags & F.CALIB_FISHEYE:
+        return FisheyeLens(rho)
+    estimated = {"k1", "k2", "k3", "p1", "p2"} - _known_blocks(flags)
+    return lens_with({"k1", *estimated, *nonzero_coefficients(dist_coeffs)}, rho)
+
+
+@lru_cache(maxsize=64)
+def _known_blocks(flags: CalibrationFlags) -> frozenset[str]:
+    """Blocks that flags keep at their known values."""
+    return frozenset(block for flag, blocks in BLOCKS_OF_FLAGS.items() if flags & flag for block in blocks)

@@ -150,9 +150,11 @@ def test_missing_arguments(capsys, arguments):
     assert run(*arguments) == 2
     written = capsys.readouterr().err
     assert "usage: fieldcalib" in written
-    usage, error = written.splitlines()
+    usage, error, *explained = written.splitlines()
     found = re.fullmatch(r"usage: (fieldcalib( calibrate| demo)?) \.\.\., all of it by \1 --help", usage)
     assert error.startswith(f"{found[1]}: error: ")
+    assert all(re.fullmatch(r"  --[a-z-]+ [A-Z]+: .+", line) for line in explained)
+    assert len(explained) == error.count("--")
 
 
 def test_the_folder_of_a_file_to_write_is_not_there(tmp_path, capsys):
