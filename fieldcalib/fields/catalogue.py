@@ -260,7 +260,9 @@ def field(name: str, **options: Any) -> Field:
     """
     if isinstance(name, str) and name in FIELDS:
         return FIELDS[name](**options)
-    raise ValueError(f"expected a field among {', '.join(FIELDS)}, got {name!r}{likely_fields(str(name))}")
+    is_file = isinstance(name, str) and name.endswith((".yaml", ".yml", ".json"))
+    hint = "; fieldcalib.io.field_files.read_field reads a file" if is_file else likely_fields(str(name))
+    raise ValueError(f"expected a field among {', '.join(FIELDS)}, got {name!r}{hint}")
 
 
 field_named = field  # its name in `fieldcalib.fields`, which has a module `field`

@@ -173,12 +173,11 @@ def _named(name: str, parse: Callable[[Any], T], value: Any) -> T:
 def _check_keys(record: Mapping[str, Any], needed: Iterable[str], more: Iterable[str] = ()) -> None:
     if not isinstance(record, Mapping):
         raise ValueError(f"expected names with values, got {record!r}")
+    unknown = sorted(map(str, record.keys() - {*needed, *more}))
     missing = [name for name in needed if name not in record]
-    if missing:
-        raise ValueError(f"expected {', '.join(missing)}")
-    unknown = record.keys() - {*needed, *more}
-    if unknown:
-        raise ValueError(f"unknown {', '.join(sorted(map(str, unknown)))}: expected {', '.join([*needed, *more])}")
+    if unknown or missing:
+        named = f"unknown {', '.join(unknown)}: " if unknown else ""
+        raise ValueError(f"{named}expected {', '.join(missing or [*needed, *more])}")
 
 
 def _number(value: Any) -> float:

@@ -102,7 +102,7 @@ def foot_points(boxes: ArrayLike) -> Array:
     Raises
     ------
     ValueError
-        If they have another shape.
+        If they have another shape, or a right or lower edge lies before the other one, as of x, y, width and height.
 
     Examples
     --------
@@ -112,7 +112,12 @@ def foot_points(boxes: ArrayLike) -> Array:
     edges = np.asarray(boxes, dtype=float)
     if edges.ndim == 0 or edges.shape[-1] != 4:
         raise ValueError(f"expected boxes of shape (..., 4), left, top, right, bottom, got shape {edges.shape}")
-    left, _, right, bottom = np.moveaxis(edges, -1, 0)
+    left, top, right, bottom = np.moveaxis(edges, -1, 0)
+    reversed_edges = edges[(right < left) | (bottom < top)].tolist()
+    if reversed_edges:
+        raise ValueError(
+            f"expected boxes (left, top, right, bottom), got {reversed_edges[0]}: is it x, y, width and height?"
+        )
     return np.stack([(left + right) / 2.0, bottom], axis=-1) - 0.5
 
 

@@ -271,6 +271,8 @@ def test_feet_are_the_middle_of_the_lower_edge_in_pixels_from_the_first_ones_cen
     assert foot_points(one_pixel).tolist() == [[5.0, 7.5]]
     with pytest.raises(ValueError, match=r"expected boxes of shape"):
         foot_points([1.0, 2.0])
+    with pytest.raises(ValueError, match=r"got \[680.0, 280.0, 40.0, 100.0\]: is it x, y, width and height"):
+        foot_points([[100, 200, 140, 300], [680, 280, 40, 100]])
 
 
 @pytest.mark.parametrize("pixel_sd", [pytest.param(0.0, marks=pytest.mark.slow), 2.0])

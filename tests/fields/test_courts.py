@@ -581,3 +581,8 @@ def test_parallel_lines_without_ends_make_no_good_camera(field, axis):
 def test_parallel_lines_make_no_good_camera(field, axis):
     frames = frames_of_lines(field, parallel_lines(field, axis), 8)
     assert all(one.verdict != "good" for one in calibrate_batch(field, frames, SIZE))
+
+
+def test_a_file_in_the_place_of_a_name_is_told_how_it_is_read():
+    with pytest.raises(ValueError, match=r"got 'court.yaml'; fieldcalib.io.field_files.read_field reads a file"):
+        field_named("court.yaml")

@@ -121,6 +121,7 @@ def test_segments_in_parts_are_each_followed_by_their_images():
     ("old", "new", "message"),
     [
         ("length: 28.0", "", "expected length$"),
+        ("length: 28.0", "lenght: 28.0", "unknown lenght: expected length$"),
         ("length: 28.0", "length: long", "length: could not convert string to float: 'long'"),
         ("length: 28.0", "length: [1, 2]", "length: expected a number"),
         ("length: 28.0", "length: -28.0", "a Field needs a positive length in metres, got -28.0"),
