@@ -61,7 +61,9 @@ class ReducedSystem:
     by_frame: Array
     """Gradient of the cost of each frame's labels, (T, S); at the solution prior and links balance their sum."""
     painted: Array
-    """Gradient of the cost (S, L) for each line of `Noise.lines` if it is misplaced by one standard deviation."""
+    """Gradient of the cost (S, L) for each line if it is misplaced by one standard deviation."""
+    lines: IntArray
+    """Numbers of the labels of these lines, (L,)."""
 
     @classmethod
     def of(cls, evaluation: Evaluation, sigma: Array, kappa: Array) -> ReducedSystem:
@@ -101,6 +103,7 @@ class ReducedSystem:
             spread,
             (L @ evaluation.pixels.gradient[..., None])[..., 0],
             painted,
+            noise.lines,
         )
 
     @property
@@ -121,7 +124,7 @@ class ReducedSystem:
     def take(self, index: IntArray) -> ReducedSystem:
         """The system of some of the parameters; the others are fixed."""
         both = np.ix_(index, index)
-        kept = self.by_frame[:, index], self.painted[index]
+        kept = self.by_frame[:, index], self.painted[index], self.lines
         return ReducedSystem(self.hessian[both], self.gradient[index], self.spread[both], *kept)
 
     @cached_property
@@ -188,7 +191,8 @@ def own_errors(
     shared : Considered, optional
         Errors of the shared parameters; by default they are independent of the lines of these frames.
     """
-    hessian, between, border, painted = _of_labels(evaluation, sigma, kappa)
+    noise = Noise(evaluation)
+    hessian, between, border, painted = _of_labels(noise, sigma, kappa)
     hessian, between = hessian + evaluation.links_hessian, between + evaluation.links_hessian
     if evaluation.background is not None:
         pairs, layout = evaluation.background.pairs, evaluation.problem.layout
@@ -206,25 +210,24 @@ def own_errors(
             np.add.at(border, pairs.second, -coupling @ of_first.following)
     if evaluation.coupling is None:
         inverse = np.linalg.inv(hessian)
-        return _independent(inverse @ between @ inverse, inverse @ border, inverse @ painted, evaluation, shared)
+        return _independent(inverse @ between @ inverse, inverse @ border, inverse @ painted, noise, shared)
     B, o = hessian.shape[:2]
     inverse = np.linalg.inv(coupled(hessian, evaluation.coupling))
     spread = (inverse @ coupled(between, evaluation.coupling) @ inverse).reshape(B, o, B, o)
     # a misplaced line is misplaced in all frames: ties do not average its error out
     by_line, following = ((inverse @ of_all.reshape(B * o, -1)).reshape(of_all.shape) for of_all in (painted, border))
-    return _independent(spread[np.arange(B), :, np.arange(B)], following, by_line, evaluation, shared)
+    return _independent(spread[np.arange(B), :, np.arange(B)], following, by_line, noise, shared)
 
 
-def _independent(E: Array, F: Array, A: Array, evaluation: Evaluation, shared: Considered | None) -> OwnErrors:
+def _independent(E: Array, F: Array, A: Array, noise: Noise, shared: Considered | None) -> OwnErrors:
     """Errors with those of misplaced lines, A (B, o, L), as far as errors of the shared parameters do not tell them."""
     E = E + A @ np.swapaxes(A, 1, 2)
-    if shared is None or shared.by_line is None or evaluation.problem.paint == 0.0:
+    problem = noise.evaluation.problem
+    if shared is None or shared.by_line is None or problem.paint == 0.0:
         return OwnErrors(E, F)
-    labels, unmoved = evaluation.problem.observations.labels, np.zeros(len(shared.covariance))
-    S = np.array([shared.by_line.get(labels[line], unmoved) for line in Noise(evaluation).lines]).reshape(
-        -1, len(unmoved)
-    )
-    crossed = A @ S
+    labels, unmoved = problem.observations.labels, np.zeros(len(shared.covariance))
+    S = [shared.by_line.get(labels[line], unmoved) for line in noise.lines]
+    crossed = A @ np.reshape(S, (-1, len(unmoved)))
     unit = np.sqrt(np.diagonal(shared.covariance))
     unit = np.where(unit > 0.0, unit, 1.0)
     inverse = np.linalg.pinv(shared.covariance / np.outer(unit, unit), rcond=FAINT, hermitian=True)
@@ -232,15 +235,14 @@ def _independent(E: Array, F: Array, A: Array, evaluation: Evaluation, shared: C
     return OwnErrors(E - told @ np.swapaxes(crossed, 1, 2), F - told)
 
 
-def _of_labels(evaluation: Evaluation, sigma: float, kappa: float) -> tuple[Array, Array, Array, Array]:
+def _of_labels(noise: Noise, sigma: float, kappa: float) -> tuple[Array, Array, Array, Array]:
     """Derivatives of the cost of labels and prior by the own parameters.
 
     These are the Hessian (B, o, o), the covariance of the gradient (B, o, o), the Hessian by own and shared parameters
     (B, o, S), and the gradient (B, o, L) for each line if it is misplaced by one standard deviation.
     """
-    problem, JT = evaluation.problem, evaluation.JT
-    by_shared = evaluation.derivatives(problem.layout.considered)
-    noise = Noise(evaluation)
+    evaluation, JT = noise.evaluation, noise.evaluation.JT
+    by_shared = evaluation.derivatives(evaluation.problem.layout.considered)
     between = sigma**2 * noise.covariance(JT)
     hessian = kappa * gram(JT, evaluation.irls_weight)
     if evaluation.prior is not None:

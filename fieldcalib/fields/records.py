@@ -106,9 +106,9 @@ def field_from_record(record: Mapping[str, Any]) -> Field:
 
     Three of them may be shorter than `whole_record` writes them: with ``mirrored: true`` the segments are those of the
     right bottom quarter, and their mirror images are added (`fieldcalib.fields.sports.parts.mirrored`), to each part if
-    they are a list of parts, which sets the order of the labels; `stands` may be
-    the distances and heights of cameras around the field (`fieldcalib.fields.traits.stands_beside`); and a key of
-    `paint` that is no label may be the beginning of several.
+    they are a list of parts, which sets the order of the labels; `stands` may be the distances and heights of cameras
+    around the field (`fieldcalib.fields.traits.stands_beside`); and a key of `paint` that is no label may be the
+    beginning of several.
 
     Raises
     ------

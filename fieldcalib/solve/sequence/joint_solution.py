@@ -23,7 +23,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.ground import Considered, given_crown
-from fieldcalib.assess.label_errors import Noise, misfit, pooled_noise
+from fieldcalib.assess.label_errors import misfit, pooled_noise
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_errors import ReducedSystem
 from fieldcalib.assess.size_evidence import possible_values
@@ -429,7 +429,7 @@ def _considered(
         covariance[-1, -1] += (PROFILE * solved.theta[0, -1]) ** 2
     labels, moved = solved.problem.observations.labels, np.zeros((len(roles), system.painted.shape[1]))
     moved[s] = alone.inverse @ alone.painted
-    return Considered(both, covariance, {labels[k]: one for k, one in zip(Noise(solved).lines, moved.T, strict=True)})
+    return Considered(both, covariance, {labels[k]: one for k, one in zip(system.lines, moved.T, strict=True)})
 
 
 def _kept_covariance(size: SizeBlock | None, layout: Layout, fixed_sizes: Mapping[str, float]) -> Array:
