@@ -422,6 +422,21 @@ SENTENCES: Mapping[What, str] = MappingProxyType(
 """Sentences with the numbers of a finding; those of others depend on more (`Finding.__str__`)."""
 
 
+class Span(float):
+    """Numbers of several frames: the largest of them, in words both ends."""
+
+    least: float
+
+    def __new__(cls, one: float, other: float) -> Span:
+        """Make the span of two numbers, or of a span and a number."""
+        span = super().__new__(cls, max(one, other))
+        span.least = min(one.least if isinstance(one, Span) else one, other)
+        return span
+
+    def __format__(self, form: str) -> str:
+        return " to ".join(dict.fromkeys([format(self.least, form), super().__format__(form)]))
+
+
 @dataclass(frozen=True)
 class Finding:
     """Something that is known of a camera beside its numbers.
@@ -458,6 +473,20 @@ class Finding:
         are, lie = ("is", "lies") if self.numbers[:1] == (1.0,) else ("are", "lie")
         return SENTENCES[self.what].format(*self.numbers, about=self.about, are=are, lie=lie)
 
+    def joined(self, other: Finding) -> Finding:
+        """The finding of several frames, which differ in its numbers and in what it is about; words stay the first.
+
+        Examples
+        --------
+        >>> found = [Finding(What.OFF_PAINT, "Middle line", (px,)) for px in (9.0, 7.0, 8.0)]
+        >>> str(found[0].joined(found[1]).joined(found[2]))
+        "'Middle line' lies 7 to 9 px beside its paint"
+        """
+        if self.what is not other.what or self.what is What.SAID:
+            return self
+        about = self.about if self.about == other.about else "…"
+        return Finding(self.what, about, tuple(map(Span, self.numbers, other.numbers)))
+
     def to_dict(self) -> dict[str, Any]:
         """The finding for `json.dumps`; what it is not about, and numbers that it does not have, are left out."""
         about = {"about": self.about} if self.about else {}
@@ -485,6 +514,13 @@ def findings_from_json(record: Any) -> tuple[Finding, ...]:
     """Findings, or the words of earlier versions; a ValueError if they are none."""
     found = expect(record, list, "a list of findings")
     return tuple(Finding(What.SAID, one) if isinstance(one, str) else Finding.from_dict(one) for one in found)
+
+
+def first_reason(line: Mapping[str, Any]) -> Finding:
+    """The most important reason in the line of a frame: evidence against its camera, or the beginning of its words."""
+    found = findings_from_json(line.get("findings", []))[:1] if line.get("verdict") == Verdict.CHECK else ()
+    against = [one for one in found if one.what.is_against]
+    return against[0] if against else Finding(What.SAID, line.get("reason", line.get("message", "")).partition("; ")[0])
 
 
 def _wanted(name: str, offset: float) -> str:

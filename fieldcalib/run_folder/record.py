@@ -13,7 +13,6 @@ at the end of a run: the first few whose verdict is not good, with their reasons
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from dataclasses import field as attribute
@@ -27,7 +26,17 @@ import numpy as np
 import fieldcalib
 from fieldcalib._progress import counted
 from fieldcalib._types import Array
-from fieldcalib.assess.findings import Advice, Remedy, Status, Tool, Verdict, What, how
+from fieldcalib.assess.findings import (
+    Finding,
+    Remedy,
+    Status,
+    Tool,
+    Verdict,
+    What,
+    advice_from_json,
+    first_reason,
+    how,
+)
 from fieldcalib.assess.result import Calibration
 from fieldcalib.geometry.camera import ANGLE_NAMES, Camera
 from fieldcalib.io.files import (
@@ -40,7 +49,7 @@ from fieldcalib.io.files import (
 )
 from fieldcalib.io.formats import ANNOTATIONS, CAMERAS, HOMOGRAPHIES, OTHER_ANNOTATIONS, OVERLAYS
 from fieldcalib.io.image_files import Image
-from fieldcalib.io.results import FORMAT, OLD_FORMATS, broken_line
+from fieldcalib.io.results import BROKEN, FORMAT, OLD_FORMATS, broken_line
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F
 
 ESTIMATED = "estimated"  # value of options: a size or shape is estimated from the images
@@ -72,7 +81,6 @@ NOT_COMPARED = frozenset({"input", "threads", "arguments"})
 SQUASHED = (What.NOT_SQUARE, What.WAS_SQUASHED)
 METRES = (0.5, 1.0)  # tolerances of the probabilities in cameras.jsonl
 SIZE_KEYS = ("field_length", "field_width", "field_standard_deviations")
-NUMBERS = re.compile(r"\d+(?:\.\d+)?(?: to \d+(?:\.\d+)?)?")  # or ranges of them
 NAMED = 5  # number of stretches of frames that are listed
 
 
@@ -443,10 +451,12 @@ class Stretch:
     first: str
     """Id of the first frame."""
     verdict: str
-    reason: str
-    """Reason of all frames; numbers that differ are given as "7 to 9"."""
-    kind: str = ""
-    """Kind of the reason, without numbers; successive frames of one kind make a stretch."""
+    reason: Finding
+    """Reason of all frames, with the span of its numbers, or that of the first one in words."""
+    kind: tuple[str, str]
+    """Kind of the reason (`kind_of`); successive frames of one kind make a stretch."""
+    differ: bool = False
+    """Whether the reason is that of the first frame, and others have others in words."""
     count: int = 1
     last: str = ""
     """Id of the last frame of several."""
@@ -454,23 +464,7 @@ class Stretch:
     def __str__(self) -> str:
         """Format for stderr."""
         which = f"{self.first} to {self.last}, {self.count} frames" if self.last else self.first
-        return f"{which}: {self.verdict}, {self.reason}"
-
-
-def of_both(reasons: str, reason: str) -> str:
-    """Join reasons that differ in numbers alone, smallest and largest ones: "7 to 9"; otherwise the first is kept.
-
-    Examples
-    --------
-    >>> of_both("'Circle left' lies 7 to 9 px off", "'Circle left' lies 12.5 px off")
-    "'Circle left' lies 7 to 12.5 px off"
-    """
-    texts, several, others = NUMBERS.split(reasons), NUMBERS.findall(reasons), NUMBERS.findall(reason)
-    if texts != NUMBERS.split(reason):
-        return reasons
-    spans = [sorted({*one.split(" to "), other}, key=float) for one, other in zip(several, others, strict=True)]
-    ranges = [" to ".join(dict.fromkeys([span[0], span[-1]])) for span in spans]
-    return "".join(text + number for text, number in zip(texts, [*ranges, ""], strict=True))
+        return f"{which}: {self.verdict}, {'for example ' * self.differ}{self.reason}"
 
 
 @dataclass
@@ -479,21 +473,18 @@ class ToLookAt:
 
     Examples
     --------
-    >>> from fieldcalib.assess.findings import Finding, What
     >>> seen = ToLookAt()
-    >>> seen.add("000000", "good", "rms 0.45 px over 5 segments")
+    >>> seen.add({"id": "000000", "status": "accepted", "verdict": "good"})
     >>> for id, px in ("000001", 9.0), ("000002", 7.0):
-    ...     found = Finding(What.OFF_PAINT, "Middle line", (px,))
-    ...     seen.add(id, "check", f"{found}; rms 0.5 px over 5 segments", kind="off paint Middle line")
+    ...     found = [Finding(What.OFF_PAINT, "Middle line", (px,)).to_dict()]
+    ...     seen.add({"id": id, "status": "accepted", "verdict": "check", "findings": found})
     >>> print(seen.message("out/cameras.jsonl"))
     2 frames to look at (all reasons and remedies: out/cameras.jsonl):
       000001 to 000002, 2 frames: check, 'Middle line' lies 7 to 9 px beside its paint
-    >>> seen.add("000003", "reject", "too few", "more markings in view, or labelled by hand", [Advice.BY_HAND])
+    >>> reject = {"status": "degenerate", "verdict": "reject", "reason": "too few lines"}
+    >>> seen.add({"id": "000003", **reject, "remedy": "more markings", "advice": ["by hand"]})
     >>> print(seen.message("out/cameras.jsonl").splitlines()[-1])
-      what would help: more markings in view, or labelled by hand; on the command line: fieldcalib open
-    >>> seen.add("000004", "check", "a softer picture", "the whole frame")
-    >>> print(seen.message("out/cameras.jsonl").splitlines()[-1])
-      what would help 000004: the whole frame
+      what would help: more markings; on the command line: fieldcalib open
     """
 
     stretches: list[Stretch] = attribute(default_factory=list)
@@ -507,27 +498,29 @@ class ToLookAt:
     _is_next: bool = False
     _last: str = ""
 
-    def add(
-        self, id: str, verdict: str, reason: str, remedy: str = "", advice: Iterable[Advice] = (), kind: str = ""
-    ) -> None:
-        """Add the next frame; a frame without a verdict, which could not be read, is skipped."""
-        if not verdict or verdict == Verdict.GOOD:
+    def add(self, line: Mapping[str, Any]) -> None:
+        """Add the next frame by its line of cameras.jsonl; one that could not be read is skipped."""
+        id, verdict, kind = line["id"], line.get("verdict"), kind_of(line)
+        if line["status"] == BROKEN or not verdict or verdict == Verdict.GOOD:
             self._is_next = False
             return
         self.count += 1
+        reason = first_reason(line)
         last = self.stretches[-1] if self._is_next else None
         if last is not None and (last.verdict, last.kind) == (verdict, kind):
-            reason = of_both(last.reason, reason.partition("; ")[0])
-            self.stretches[-1] = replace(last, reason=reason, count=last.count + 1, last=id)
+            both = last.reason.joined(reason)
+            differ = last.differ or (both.what is What.SAID and both != reason)
+            self.stretches[-1] = replace(last, reason=both, differ=differ, count=last.count + 1, last=id)
         elif len(self.stretches) < NAMED:
-            self.stretches.append(Stretch(id, verdict, reason.partition("; ")[0], kind))
+            self.stretches.append(Stretch(id, verdict, reason, kind))
         else:
             self._is_next = False
             return
         self._is_next = True
         self.named += 1
-        if remedy:
-            helped = self.remedies.setdefault(Remedy(remedy, tuple(advice)), [])
+        if line.get("remedy"):
+            remedy = Remedy(line["remedy"], advice_from_json(line.get("advice")))
+            helped = self.remedies.setdefault(remedy, [])
             goes_on = helped and last is not None and helped[-1][1] == self._last
             first = helped.pop()[0] if goes_on else id
             helped.append((first, id))

@@ -22,7 +22,7 @@ from typing import Any
 
 import fieldcalib
 from fieldcalib._progress import counted, say, show
-from fieldcalib.assess.findings import LEFT_OUT, Verdict, What, advice_from_json
+from fieldcalib.assess.findings import LEFT_OUT, Verdict, What
 from fieldcalib.io.files import (
     BrokenFileError,
     FrameFile,
@@ -49,7 +49,6 @@ from fieldcalib.run_folder.record import (
     ToLookAt,
     has_finding,
     is_squashed,
-    kind_of,
 )
 
 SUMMARY = "summary.json"  # only finished runs have one
@@ -168,8 +167,7 @@ class ResultsWriter:
         if verdict:
             self.verdicts[verdict] += 1
         self.cameras += self.record.keeps(line)
-        advice, kind = advice_from_json(line.get("advice")), " ".join(kind_of(line))
-        self.to_look_at.add(line["id"], verdict, line.get("reason", ""), line.get("remedy", ""), advice, kind)
+        self.to_look_at.add(line)
         self.squashed += squashed
         self.nearly_square += is_nearly_square(line)
 

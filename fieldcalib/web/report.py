@@ -31,7 +31,17 @@ import numpy as np
 import fieldcalib
 from fieldcalib._progress import Progress, progress_bar
 from fieldcalib._types import IntArray, expect, file_path
-from fieldcalib.assess.findings import IF_ON_PAINT, Advice, Remedy, Tool, Verdict, advice_from_json, how
+from fieldcalib.assess.findings import (
+    IF_ON_PAINT,
+    Advice,
+    Finding,
+    Remedy,
+    Tool,
+    Verdict,
+    advice_from_json,
+    first_reason,
+    how,
+)
 from fieldcalib.assess.result import Calibration
 from fieldcalib.editor.frame_states import Row
 from fieldcalib.fields.field import Field
@@ -60,7 +70,6 @@ PICTURE_BYTES = 7_500_000  # of JPEGs; as base64 in the file they take 4/3 of th
 TABLE_BYTES, STATE_BYTES = 7_000_000, 2_500_000  # of the table, and of what is drawn on pictures
 MOST_VIEWS = 20_000  # frames: a table of more gets no views of the ground, which would not fit anyway
 STYLES = ("style", "report")
-VALUES = re.compile(r"'[^']*'|[0-9]+(?:\.[0-9]+)?")  # names and numbers, which differ among frames with one reason
 VIEW_POINTS = 12  # points of the polygon of the ground in view
 MOST_LETTERS = 240  # of a reason
 NOTHING: Mapping[str, Any] = {"id": "", "status": BROKEN, "message": ""}
@@ -337,7 +346,7 @@ class Reason:
 
     verdict: str
     words: str
-    """The reason, with an ellipsis for names and numbers if several frames have it."""
+    """The reason: what the frames say of their cameras, with the span of its numbers, or the words of the first."""
     remedy: str
     how: str
     """Command to type, and what to do on the page."""
@@ -360,26 +369,26 @@ class ReportTable:
     ) -> ReportTable:
         """Make the table from the lines of ``cameras.jsonl``, optionally with the ground that each frame shows."""
         seen = field if with_views else None
-        rows, keys, examples = [], list[tuple[str, str]](), dict[tuple[str, str], str]()
+        rows, keys, found = [], list[tuple[str, str]](), dict[tuple[str, str], Finding]()
         remedies: dict[tuple[str, str], Counter[Remedy]] = {}
         for line in lines:
             row = _row(line, seen)
             key = row["verdict"], kind_of(line)[0]
-            examples.setdefault(key, row["reason"].partition("; ")[0])
             if key[0] != Verdict.GOOD:
+                reason = first_reason(line)
+                found[key] = found[key].joined(reason) if key in found else reason
                 remedies.setdefault(key, Counter())[remedy_of(line)] += 1
             rows.append(row)
             keys.append(key)
-        counts = {key: found.total() for key, found in remedies.items()}
+        counts = {key: each.total() for key, each in remedies.items()}
         ordered = sorted(counts, key=lambda key: (key[0] == Verdict.CHECK, -counts[key]))
         numbers = {key: number for number, key in enumerate(ordered)}
         columns = {name: [row[name] for row in rows] for name in (rows[0] if rows else _row(NOTHING, seen))}
         columns["group"] = [numbers.get(key, -1) for key in keys]
         reasons = []
         for key in ordered:
-            words = examples[key] if counts[key] == 1 else VALUES.sub("…", examples[key])
             ((remedy, _),) = remedies[key].most_common(1)
-            reasons.append(Reason(key[0], words, remedy.text, commands.how(remedy), counts[key]))
+            reasons.append(Reason(key[0], str(found[key]), remedy.text, commands.how(remedy), counts[key]))
         return cls(columns, reasons, len(rows))
 
     @property

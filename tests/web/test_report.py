@@ -20,7 +20,9 @@ from fieldcalib.assess.findings import (
     REMEDIES,
     SMALLER,
     Advice,
+    Finding,
     Tool,
+    What,
     how,
 )
 from fieldcalib.draw.scene import render_field
@@ -152,8 +154,9 @@ def many(count):
     """Lines of frames: every tenth one is to be checked."""
     line = json.loads(json.dumps(labelled().lines[0]))
     for number in range(count):
-        reason = f"'Side line top' lies {number % 7 + 3} px beside its paint"
-        words = {**CHECK, "reason": f"{reason}; rms 0.5 px"} if number % 10 == 0 else {**GOOD, "reason": "rms 0.4 px"}
+        beside = Finding(What.OFF_PAINT, "Side line top", (number % 7 + 3.0,))
+        checked = {**CHECK, "reason": f"{beside}; rms 0.5 px", "findings": [beside.to_dict()]}
+        words = checked if number % 10 == 0 else {**GOOD, "reason": "rms 0.4 px"}
         yield {
             **line,
             **words,
@@ -172,7 +175,7 @@ def test_frames_with_one_reason_are_counted_together():
     ]
     assert [one.how for one in table.reasons] == [Commands().how(one) for one in (UNREADABLE, IF_ON_PAINT)]
     assert table.reasons[0].words == "is cut off"
-    assert table.reasons[1].words == "… lies … px beside its paint"
+    assert table.reasons[1].words == "'Side line top' lies 3 to 9 px beside its paint"
     assert [table.columns["group"][number] for number in (0, 1, 10, 30)] == [1, -1, 1, 0]
     assert table.worst[:4] == [30, 0, 10, 20]
 
