@@ -1,23 +1,25 @@
-"""Recognition of the field that pictures show: every field is tried, and the best one must win by a margin."""
+"""Recognition of the field that pictures show: likely fields are tried, and the best one must win by a margin."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.fields.catalogue import COMPARED
 from fieldcalib.fields.catalogue import field as field_named
 from fieldcalib.fields.field import Field
-from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.from_images import calibrate_from_images
+from fieldcalib.images.from_images import How, calibrate_alone, calibrate_from_images
 from fieldcalib.images.search.court_ranking import PictureToSearch
-from fieldcalib.images.search.court_search import courts_in
+from fieldcalib.images.search.court_search import FoundCourt, searches_for
 from fieldcalib.images.search.stripe_likelihood import MarkingPoints
 from fieldcalib.io.image_files import Image
 from fieldcalib.localize import Network
 from fieldcalib.localize.point_selection import classes_without_segment
+from fieldcalib.solve.request import Task
 
 POINTS = 300  # of a field's markings, at which a camera from the network is compared with the stripes in the picture
 MARGIN = 0.8  # of the best score: a field that reaches it explains the pictures about as well
@@ -31,7 +33,8 @@ class WhichField:
     """The field that pictures show, or the fields that explain them about equally well."""
 
     scores: Mapping[str, float]
-    """Log likelihood ratios of the accepted cameras by name of the field, best first; 0 without an accepted camera."""
+    """Log likelihood ratios of the accepted cameras by name of each field that was compared, best first; 0 without an
+    accepted camera."""
 
     @property
     def alternatives(self) -> tuple[str, ...]:
@@ -53,7 +56,7 @@ class WhichField:
 
 
 def which_field(images: Sequence[Image], names: Sequence[str] = COMPARED, network: Network | None = None) -> WhichField:
-    """Search pictures for every field, and compare how well the accepted cameras explain them.
+    """Compare how well the accepted cameras of fields explain pictures.
 
     A field that explains the first picture badly, before its cameras are refined or after, is dropped.
 
@@ -74,44 +77,96 @@ def which_field(images: Sequence[Image], names: Sequence[str] = COMPARED, networ
     >>> which_field([render_field(truth, field_named("tennis"))], ["badminton", "tennis"]).name
     'tennis'
     """
-    scores = dict.fromkeys(names, 0.0)
-    pictures = [PictureToSearch(image) for image in images]
-    promising = _likely(pictures[0], names, network) if pictures else ()
-    for picture in pictures:
-        found = {name: _score(picture, field_named(name), network) for name in promising}
-        for name, (score, is_accepted) in found.items():
-            scores[name] += score * is_accepted
-        best = max((score for score, _ in found.values()), default=0.0)
-        promising = tuple(name for name, (score, _) in found.items() if score >= PROMISING * best)
+    scores, promising = dict[str, float](), tuple(names)
+    for image in images:
+        found = _compared(PictureToSearch(image), promising, network)
+        for name, one in found.items():
+            scores[name] = scores.get(name, 0.0) + one.score * one.is_accepted
+        best = max((one.score for one in found.values()), default=0.0)
+        promising = tuple(name for name, one in found.items() if one.score >= PROMISING * best)
     return WhichField(dict(sorted(scores.items(), key=lambda item: -item[1])))
 
 
-def _likely(picture: PictureToSearch, names: Sequence[str], network: Network | None) -> tuple[str, ...]:
-    """Fields whose best camera before refinement scores at least `LIKELY` times the best score of any field.
+@dataclass(frozen=True)
+class _Found:
+    """The best camera of a field in a picture; by default there is none."""
 
-    Fields that the network knows are always kept.
+    score: float = 0.0
+    """Log likelihood ratio of the camera, at least 0."""
+    verdict: Verdict = Verdict.REJECT
+
+    @property
+    def is_accepted(self) -> bool:
+        """Whether the camera is accepted."""
+        return self.verdict is not Verdict.REJECT
+
+
+def _compared(picture: PictureToSearch, names: Sequence[str], network: Network | None) -> dict[str, _Found]:
+    """Find the best camera of each field in a picture.
+
+    First the network looks at the whole picture, and likely fields are searched for among all stripes; where it finds a
+    good camera, no other field is tried. Only if nothing is found, all that finds a camera of a field is tried.
     """
-    score: dict[str, float] = {}
-    for name in names:
-        field = field_named(name)
-        if network is not None and not classes_without_segment(network.classes, field):
-            score[name] = np.inf
-            continue
-        ranked = picture.stripes(lighter=field.lines.lighter).ranked(field, are_cut_out=False)
-        score[name] = float(np.max(ranked.score, initial=0.0))
-    best = max((one for one in score.values() if np.isfinite(one)), default=0.0)
-    return tuple(name for name in names if score[name] >= LIKELY * best)
+    fields = {name: field_named(name) for name in names}
+    searches = {name: searches_for(picture, field) for name, field in fields.items() if not _knows(network, field)}
+    known, likely, found = fields.keys() - searches.keys(), dict[str, float](), dict.fromkeys(names, _Found())
+    for is_thorough in (False, True):
+        found |= {name: _by_network(picture, fields[name], network, is_thorough=is_thorough) for name in known}
+        if any(found[name].verdict is Verdict.GOOD for name in known):
+            return {name: found[name] for name in known}
+        likely = likely or _unrefined(picture, {name: fields[name] for name in searches})
+        for name in sorted(likely, key=lambda name: -likely[name]):
+            best = max([*likely.values(), *(one.score for one in found.values() if one.is_accepted)])
+            if likely[name] >= LIKELY * best:
+                for best_first in islice(searches[name], None if is_thorough else 1):
+                    found[name] = _of_courts(best_first)
+        if any(one.is_accepted for one in found.values()):
+            break
+    return found
 
 
-def _score(picture: PictureToSearch, field: Field, network: Network | None) -> tuple[float, bool]:
-    """Log likelihood ratio of the best camera of a field, and whether it is accepted."""
-    if network is not None and not classes_without_segment(network.classes, field):
-        (found,) = calibrate_from_images(field, [picture.image], network)
-        return (_of_camera(picture, field, found.camera), found.accepted) if found.camera is not None else (0.0, False)
-    best = next(iter(courts_in(picture, field)), None)
-    return (0.0, False) if best is None else (max(best.evidence.score, 0.0), best.calibration.accepted)
+def _of_courts(best_first: Sequence[FoundCourt]) -> _Found:
+    if not best_first:
+        return _Found()
+    return _Found(max(best_first[0].evidence.score, 0.0), best_first[0].calibration.verdict)
 
 
-def _of_camera(picture: PictureToSearch, field: Field, camera: Camera) -> float:
+def _unrefined(picture: PictureToSearch, fields: Mapping[str, Field]) -> dict[str, float]:
+    """Log likelihood ratios of the best cameras of fields before refinement, 0 without any.
+
+    Courts of one sport look alike: where the first is unlikely, the others are left out.
+    """
+    likely = dict[str, float]()
+    for name, field in fields.items():
+        first = next(one for one in fields if _sport(one) == _sport(name))
+        if name == first or likely[first] >= LIKELY * max(likely.values()):
+            ranked = picture.stripes(lighter=field.lines.lighter).ranked(field, are_cut_out=False)
+            likely[name] = float(np.max(ranked.score, initial=0.0))
+    return likely
+
+
+def _sport(name: str) -> tuple[str, ...]:
+    """The first words of a field's name, which those of one sport have in common.
+
+    Examples
+    --------
+    >>> _sport("ice-hockey-nhl-2013") == _sport("ice-hockey-iihf")
+    True
+    """
+    return tuple(name.split("-")[:2])
+
+
+def _knows(network: Network | None, field: Field) -> bool:
+    """Whether all classes of a network are labels of a field."""
+    return network is not None and not classes_without_segment(network.classes, field)
+
+
+def _by_network(picture: PictureToSearch, field: Field, network: Network | None, *, is_thorough: bool) -> _Found:
+    _, how = How(Task(field), network).on_side()
+    images = [picture.image]
+    (found,) = calibrate_from_images(field, images, network) if is_thorough else calibrate_alone(how, images)
+    if found.camera is None:
+        return _Found()
     maps = picture.stripes(lighter=field.lines.lighter).maps
-    return max(maps.score(camera.scaled(maps.size), MarkingPoints.of(field, POINTS))[0], 0.0)
+    score, *_ = maps.score(found.camera.scaled(maps.size), MarkingPoints.of(field, POINTS))
+    return _Found(max(score, 0.0), found.verdict)

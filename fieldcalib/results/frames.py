@@ -375,5 +375,6 @@ def auto_field(pictures: Pictures, tell: Callable[[str], object] = ignored) -> s
     found = which_field(images, COMPARED, SegmentationNetwork.load())
     if found.name is None:
         raise ValueError(f'field "{AUTO}": {found.reason}')
-    tell(f"the pictures show {found.name}, compared with {', '.join(sorted(found.scores.keys() - {found.name}))}")
+    others = sorted(found.scores.keys() - {found.name})
+    tell(f"the pictures show {found.name}{', compared with ' * bool(others)}{', '.join(others)}")
     return found.name

@@ -1,5 +1,7 @@
 """The field that pictures show, of all that are tried."""
 
+from types import SimpleNamespace
+
 import cv2
 import numpy as np
 import pytest
@@ -7,11 +9,15 @@ import pytest
 import fieldcalib
 from data_tools.nonsense import nonsense
 from fieldcalib import Camera
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.cli.main import main
 from fieldcalib.draw.scene import render_field
-from fieldcalib.fields import badminton, tennis
+from fieldcalib.fields import tennis
+from fieldcalib.fields.catalogue import field as field_named
 from fieldcalib.images import which_field as module
+from fieldcalib.images.search.court_ranking import PictureToSearch
 from fieldcalib.images.which_field import WhichField, which_field
+from fieldcalib.localize import SegmentationNetwork
 
 BEHIND = Camera.from_angles(1.5, 1.3, 0.0, 1400.0, (-32.0, 1.0, -9.0), (960, 540))
 FEW = ("tennis", "badminton")
@@ -36,14 +42,54 @@ def test_the_best_field_wins_with_a_margin():
 def test_fields_that_explain_the_first_picture_badly_are_left_out(monkeypatch):
     asked = []
 
-    def score(image, field, network):
-        asked.append(field)
-        return (100.0, True) if field == tennis() else (10.0, True)
+    def compared(picture, names, network):
+        asked.append(tuple(names))
+        return {name: module._Found(100.0 if name == "tennis" else 10.0, Verdict.CHECK) for name in names}
 
-    monkeypatch.setattr(module, "_score", score)
-    monkeypatch.setattr(module, "_likely", lambda image, names, network: names)
+    monkeypatch.setattr(module, "_compared", compared)
     assert which_field([np.zeros((2, 2, 3), np.uint8)] * 2, FEW).name == "tennis"
-    assert asked == [tennis(), badminton(), tennis()]
+    assert asked == [FEW, ("tennis",)]
+
+
+@pytest.fixture
+def searched(monkeypatch):
+    """The searches that were made, of fields of which only the second search finds badminton."""
+    made = []
+
+    def searches(picture, field):
+        name = "tennis" if field == tennis() else "badminton"
+        for number in (1, 2, 3):
+            made.append((name, number))
+            verdict = Verdict.GOOD if (name, number) == ("badminton", 2) else Verdict.REJECT
+            yield [SimpleNamespace(evidence=SimpleNamespace(score=50.0), calibration=SimpleNamespace(verdict=verdict))]
+            if verdict is Verdict.GOOD:
+                return
+
+    monkeypatch.setattr(module, "searches_for", searches)
+    monkeypatch.setattr(module, "_unrefined", lambda picture, fields: dict(zip(fields, (90.0, 80.0), strict=True)))
+    return made
+
+
+def test_fields_are_searched_for_once_before_any_is_searched_for_thoroughly(searched):
+    assert which_field([np.zeros((2, 2, 3), np.uint8)], FEW).name == "badminton"
+    assert searched == [("tennis", 1), ("badminton", 1), ("tennis", 2), ("tennis", 3), ("badminton", 2)]
+
+
+@pytest.mark.parametrize(("verdict", "count"), [(Verdict.GOOD, 1), (Verdict.CHECK, 3)])
+def test_where_the_network_finds_a_good_camera_no_other_field_is_tried(monkeypatch, searched, verdict, count):
+    found = module._Found(500.0, verdict)
+    monkeypatch.setattr(module, "_by_network", lambda *arguments, is_thorough: found)
+    which = which_field([np.zeros((2, 2, 3), np.uint8)], ("soccer", *FEW), SegmentationNetwork.load())
+    assert which.name == "soccer"
+    assert len(which.scores) == count
+    assert not searched  # the others are not likely beside it
+
+
+def test_courts_of_a_sport_are_compared_if_its_first_is_likely():
+    picture = PictureToSearch(render_field(BEHIND, tennis()))
+    rinks = {name: field_named(name) for name in ("ice-hockey-iihf", "ice-hockey-nhl")}
+    assert module._unrefined(picture, rinks).keys() == rinks.keys()
+    assert module._unrefined(picture, {"tennis": tennis(), **rinks}).keys() == {"tennis", "ice-hockey-iihf"}
 
 
 def test_no_field_is_found_where_there_is_none():

@@ -351,16 +351,19 @@ def find_courts(image: Image, field: Field, *, flags: int = DEFAULT_FLAGS, prior
     >>> best.calibration.accepted, round(best.calibration.camera.focal_length, -1)
     (True, 1400.0)
     """
-    return courts_in(PictureToSearch(checked_image(image)), field, flags=flags, prior=prior)
+    return [*searches_for(PictureToSearch(checked_image(image)), field, flags=flags, prior=prior)][-1]
 
 
-def courts_in(
+def searches_for(
     picture: PictureToSearch, field: Field, *, flags: int = DEFAULT_FLAGS, prior: Prior = ALL
-) -> list[FoundCourt]:
-    """Search a prepared picture for a field as `find_courts` does; for several fields its stripes are found once."""
+) -> Iterator[list[FoundCourt]]:
+    """Search a prepared picture for a field, whose stripes are found once for several fields.
+
+    Yields after each search, of which `find_courts` makes more until one is sure, the courts that were found so far.
+    """
     task = Task(field, flags=flags, prior=prior)
     task.options(size_of(picture.image))  # raises what the user did wrong before the search
-    return _found(task, field, picture, estimate_size=True)
+    return _searches(task, field, picture, estimate_size=True)
 
 
 def search_courts(task: Task, images: Sequence[Image], *, estimate_size: bool = False) -> list[Calibration]:
@@ -374,7 +377,7 @@ def search_courts(task: Task, images: Sequence[Image], *, estimate_size: bool = 
         raise ValueError("courts are searched for a Field, whose size is known: without one a network is needed")
     if not task.given.is_empty:
         raise ValueError("of a camera that is searched for nothing may be given: leave it out, or give a network")
-    found = (_found(task, field, PictureToSearch(image), estimate_size=estimate_size) for image in images)
+    found = ([*_searches(task, field, PictureToSearch(image), estimate_size=estimate_size)][-1] for image in images)
     return [one[0].calibration if one else Calibration.without_camera(*NOTHING) for one in found]
 
 
@@ -396,26 +399,25 @@ class _Candidate:
         return (WITH_EDGES if _field_of(self.refined).lines.lighter is None else 1.0) * self.evidence.odds
 
 
-def _found(task: Task, field: Field, picture: PictureToSearch, *, estimate_size: bool) -> list[FoundCourt]:
-    """Search for candidates until one is sure; return all as courts, accepted and most probable ones first."""
+def _searches(task: Task, field: Field, picture: PictureToSearch, *, estimate_size: bool) -> Iterator[list[FoundCourt]]:
+    """Search until a camera is sure; yield all courts after each search, accepted and most probable ones first."""
     sized = estimate_size and field.moves_with_size and not field.size_known
     candidates: list[_Candidate] = []
-    probability: list[float] = []
     courts: list[FoundCourt] = []
     for views in (_candidates, _candidates_from_above):
         if any(one.calibration.accepted for one in courts):
-            break
+            return
         for found in views(task, field, picture, sized=sized):
             candidates += found
             probability = probabilities(np.array([one.odds for one in candidates]), _are_alike(candidates)).tolist()
+            courts = [_court(*one) for one in zip(candidates, probability, strict=True)]
+            # cameras that are alike share a probability, but one of them may lie better on its paint
+            yield sorted(
+                courts,
+                key=lambda one: (not one.calibration.accepted, -one.probability, -np.nan_to_num(one.evidence.odds)),
+            )
             if any(p >= ENOUGH and one.refined.judged.accepted for p, one in zip(probability, candidates, strict=True)):
                 break
-        courts = [_court(*one) for one in zip(candidates, probability, strict=True)]
-    # cameras that are alike share a probability, but one of them may lie better on its paint
-    return sorted(
-        courts,
-        key=lambda one: (not one.calibration.accepted, -one.probability, -np.nan_to_num(one.evidence.odds)),
-    )
 
 
 def _candidates(task: Task, field: Field, picture: PictureToSearch, *, sized: bool) -> Iterator[list[_Candidate]]:
