@@ -18,7 +18,6 @@ from data_tools.synthetic.colours import Hsv
 from data_tools.synthetic.surroundings import Around
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc
-from fieldcalib.fields.sports import american_football as football
 from fieldcalib.fields.sports import ice_hockey as rink
 
 Surface = Literal["wood", "floor", "ice", "hard court", "clay", "sand", "turf", "blue turf", "grass"]
@@ -140,7 +139,7 @@ def _volleyball(field: Field) -> Sequence[Fill]:
 
 def _american_football(field: Field) -> Sequence[Fill]:
     """End zones."""
-    zone = Area((football.GOAL_LINE, 0.0), (0.5 * field.length, 0.5 * field.width))
+    zone = Area((50.0 * marks.YARD, 0.0), (0.5 * field.length, 0.5 * field.width))
     return (Fill(zone, (ANY, BLUE, RED, GREEN), 0.7, 0.85),)
 
 
@@ -193,9 +192,9 @@ def _basketball_look(marks_of: Callable[[Field], marks.Marks], overlaid: float) 
 def _football_look() -> Look:
     return Look(
         ("grass", "turf"),
-        around=Around((3.0, 9.0), past=(football.BORDER, football.BORDER)),
+        around=Around((3.0, 9.0), past=(6.0 * marks.FEET, 6.0 * marks.FEET)),
         coloured=(("Goal left", YELLOW), ("Goal right", YELLOW)),
-        widths=(("Goal", football.POST),),
+        widths=(("Goal", marks.FEET / 3.0),),
         marks=marks.field_numbers,
         fills=_american_football,
         people=(8, 26),

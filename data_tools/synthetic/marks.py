@@ -10,11 +10,11 @@ import numpy as np
 
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Segment
-from fieldcalib.fields.sports.american_football import FEET, YARD
 from fieldcalib.fields.traits import Paint
 
 Marks = Mapping[str, tuple[Segment, Paint]]
 SIGNS = (-1.0, 1.0)
+FEET, YARD = 0.3048, 0.9144
 
 # American football: from the figures of the rule books
 DIGIT_WIDTH, DIGIT_GAP = 4.0 * FEET, 1.0 * FEET  # the gap is from the yard line
@@ -48,7 +48,7 @@ def field_numbers(field: Field) -> Marks:
 
     Examples
     --------
-    >>> from fieldcalib.fields.sports.american_football import american_football
+    >>> from fieldcalib.fields import american_football
     >>> len(field_numbers(american_football())) // 2  # strokes of 9 numbers
     91
     """

@@ -1,4 +1,5 @@
 from .catalogue import FIELDS as FIELDS
+from .catalogue import american_football as american_football
 from .catalogue import badminton as badminton
 from .catalogue import basketball as basketball
 from .catalogue import field_hockey as field_hockey
@@ -15,7 +16,6 @@ from .segments import Arc as Arc
 from .segments import Line as Line
 from .segments import Point as Point
 from .segments import PointCloud as PointCloud
-from .sports.american_football import american_football as american_football
 from .sports.futsal import futsal as futsal
 from .sports.ice_hockey import ice_hockey as ice_hockey
 from .sports.ice_hockey import ice_hockey_iihf as ice_hockey_iihf

@@ -11,10 +11,10 @@ from objects import relative_error
 from synthetic import SIZE, observe, random_frames
 
 from fieldcalib.assess.findings import Verdict
+from fieldcalib.fields import american_football
 from fieldcalib.fields.catalogue import FIELDS, field_named
 from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.fields.segments import Point
-from fieldcalib.fields.sports.american_football import american_football
 from fieldcalib.fields.sports.ice_hockey import ice_hockey, ice_hockey_iihf
 from fieldcalib.fields.sports.rugby_union import rugby_union
 from fieldcalib.geometry.camera import Camera

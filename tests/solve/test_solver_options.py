@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
+from fieldcalib.fields import american_football
 from fieldcalib.fields.catalogue import tennis
 from fieldcalib.fields.ground import Ground
-from fieldcalib.fields.sports.american_football import american_football
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.traits import ALL_STANDS, MAIN_LEFT, CameraDistribution
 from fieldcalib.problem.layout import LOG_ASPECT, LOG_F, PRINCIPAL_POINT
