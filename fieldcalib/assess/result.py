@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from dataclasses import field as attribute
 from functools import cached_property
 from reprlib import repr as short
+from textwrap import shorten
 from typing import Any
 from warnings import warn
 
@@ -23,6 +24,7 @@ from fieldcalib.assess.camera_errors import CameraErrors, KnownErrors, NoErrors,
 from fieldcalib.assess.estimate import MARKINGS_IN_VIEW, Estimate, GroundError, RelativeTo
 from fieldcalib.assess.findings import (
     IF_ON_PAINT,
+    MENDED_LABELS,
     MORE_LABELS,
     NOTHING,
     Advice,
@@ -47,6 +49,7 @@ from fieldcalib.problem.picture_shape import SURE, Declared, Placement
 
 VERSION = 1
 
+MOST_LETTERS = 60  # of the reason in a line of a console
 LEAST_PROBABILITY = 0.5  # of being right to the field's tolerance: below it the camera is more probably wrong
 
 
@@ -195,7 +198,12 @@ class Calibration:
     @property
     def reason(self) -> str:
         """Reason for the verdict: what speaks against the camera, the most important first, and the `message`."""
-        return in_words(*self._against, Finding(What.SAID, self.message)) if self.accepted else self.message
+        if not self.accepted:
+            return self.message
+        # the message names suspect labels
+        told = {(What.SUSPECTS, ""), *((What.STRAY, one.label) for one in self.suspect_labels)}
+        against = (one for one in self._against if (one.what, one.about) not in told)
+        return in_words(*against, Finding(What.SAID, self.message))
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -271,6 +279,10 @@ class Calibration:
     def _remedy(self) -> Remedy:
         may_be_resized = self.field is not None and self.field.moves_with_size and not self.field.size_known
         found = remedy_of(self.status, self.findings, are_annotated=self.are_annotated, may_be_resized=may_be_resized)
+        wrong = dict.fromkeys(one.label for one in self.suspect_labels)
+        wrong |= dict.fromkeys(one.about for one in self.findings if one.what is What.STRAY)
+        if found is MENDED_LABELS and wrong:
+            return Remedy(f"correct {', '.join(map(repr, wrong))}, or leave {'it' if len(wrong) == 1 else 'them'} out")
         if found is not NOTHING or not self.accepted:
             return found
         said = self.uncertainty.remedy if self.camera is not None and self.knows_errors else ""
@@ -411,7 +423,7 @@ class Calibration:
 
     def __repr__(self) -> str:
         if self.camera is None:
-            return f"Calibration({self.verdict}, no camera: {short(self.message)})"
+            return f"Calibration({self.verdict}, no camera: {shorten(self.message, MOST_LETTERS)})"
         x, y, z = self.camera.C
         f = f"f={self.camera.focal_length:.0f} px, C=({x:.1f}, {y:.1f}, {z:.1f}) m"
         return f"Calibration({self.verdict}, {f}, rms {self.rms:.2f} px)"

@@ -29,7 +29,7 @@ from fieldcalib.console.arguments import add_cameras_and_out, add_most_bytes, im
 from fieldcalib.console.options import add_options, given, option, switch
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.boxes import GAME_STATE, KINDS, Box, BoxRow, foot_points, open_boxes
-from fieldcalib.io.coordinates import OWN_SYSTEMS, check_system, scale_of_system, to_system
+from fieldcalib.io.coordinates import OWN_SYSTEMS, SYSTEMS, scale_of_system, to_system
 from fieldcalib.io.files import parse_json_object, read_regular_file, whole_file, write_text
 from fieldcalib.io.image_files import in_parts
 from fieldcalib.io.output_folder import check_targets
@@ -62,8 +62,7 @@ class Projection:
     cameras: Cameras
     most_bytes: float
     system: str = option(
-        f"coordinates: {', '.join(OWN_SYSTEMS)}, or those of kloppy: skillcorner, tracab, statsbomb, opta, ... "
-        f"({OWN_SYSTEMS[0]})",
+        f"coordinates: {', '.join(SYSTEMS)} ({OWN_SYSTEMS[0]})",
         name="--to",
         default=OWN_SYSTEMS[0],
         metavar="SYSTEM",
@@ -158,7 +157,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Project; returns the exit code."""
-    check_system(options.system, soccer())
+    to_system((0.0, 0.0), options.system, soccer())  # before anything is read
     cameras = Cameras(options.cameras)
     check_targets([options.out], [options.boxes, *cameras.files], replaces=True)
     projection = given(Projection, options, cameras=cameras)
@@ -246,6 +245,7 @@ def _projected(
     deviations, others = (np.abs(stretch) * of.standard_deviations for of in (found, from_centre))
     correlations = np.prod(np.sign(stretch), axis=-1) * found.correlation
     is_off = np.asarray(np.any(np.abs(found.X[:, :2]) > (field.length / 2.0, field.width / 2.0), axis=-1))
+    is_off &= not any(label.startswith("Net") for label in field)  # beside a net one plays behind the lines too
     is_cut = (boxes[:, 3] > camera.image_size[1] - EDGE) & (boxes[:, 1] < boxes[:, 3])
     has_ray = np.asarray(np.isfinite(camera.normalized(xy)).all(axis=-1))
     numbers = np.column_stack([points, deviations, correlations, others])

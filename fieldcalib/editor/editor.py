@@ -244,7 +244,7 @@ class Editor:
         """Return a frame, by number or id, in its present state.
 
         The camera of a frame that nobody has changed is found automatically, and the frame has labels that were found
-        in it, to which a change adds (`begun`).
+        in it, to which a change adds (`begun`). A court without a network has a camera once `search` was called.
 
         Raises
         ------

@@ -63,6 +63,7 @@ GRID = (9, 7)  # ground points along and across the field at which the camera's 
 REACH = 8.0  # px of a 960 x 540 image: largest distance from a click to the line it snaps to
 WIDTHS = (1.0, 2.0, 4.0)  # standard deviations of the blur, px of such an image: thin lines far off, broad ones nearby
 LEAST_CONTRAST = 6.0  # grey values: least strength of a line, from its blurred second derivative
+FARTHEST = 0.75  # of width and height from the middle of the picture: marks somewhat outside belong to lines in view
 NEAR_MIDDLE = 0.75  # px: largest distance of a pixel from the middle of the line that it belongs to
 MARGIN = 4  # px beyond the reach, for `NEAR_MIDDLE` and the neighbours of two differences
 LEAST_BLUR = 0.7  # px, for derivatives by differences of pixels
@@ -440,9 +441,13 @@ class FrameEditor:
         return self.history.present.automatic
 
     def mark(self, label: str, xy: ArrayLike, *, snap: bool = True) -> FrameEditor:
-        """Set marks of a label at pixels (2,) or (N, 2), snapped to paint."""
+        """Set marks of a label at pixels (2,) or (N, 2), snapped to paint; a ValueError far outside the picture."""
         _check_label(label, self.field)
-        clicks = _checked_clicks(xy)
+        clicks, size = _checked_clicks(xy), np.array(size_of(self.image))
+        outside = np.any(np.abs(clicks / size - 0.5) > FARTHEST, axis=1)
+        if np.any(outside):
+            x, y = clicks[outside][0]
+            raise ValueError(f"the picture is {size[0]} x {size[1]} pixels: ({x:g}, {y:g}) lies far outside")
         return self._then(marks=self.marks.added(label, [self.place(label, one, snap=snap) for one in clicks]))
 
     def move(self, to: Mapping[int, ArrayLike], *, snap: bool = True) -> FrameEditor:

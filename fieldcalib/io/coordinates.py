@@ -18,6 +18,11 @@ from fieldcalib._types import Array
 from fieldcalib.fields.field import Field
 
 OWN_SYSTEMS = ("fieldcalib", "soccernet")
+SYSTEMS = (  # those of kloppy are named here, as a misspelt one must be found out without it
+    *OWN_SYSTEMS,
+    *("datafactory", "hawkeye", "impect", "kloppy", "metrica", "opta", "pff", "second_spectrum", "signality"),
+    *("skillcorner", "sportec", "sportvu", "statsbomb", "tracab", "wyscout"),
+)
 MARKING = "Big rect. left main"  # shows that a field is one of soccer: the systems stretch its parts between the lines
 STEP = 1e-3  # m: the systems are linear from one line of the field to the next
 
@@ -34,8 +39,7 @@ def to_system(xy: ArrayLike, system: str, field: Field) -> Array:
     xy : (..., 2) or (..., 3) array_like
         Points on the field, metres, as `Camera.image_to_field` gives them; the third coordinate is not used.
     system : str
-        "fieldcalib" or "soccernet", which are the same, or one that kloppy knows: "tracab", "skillcorner",
-        "second_spectrum", "statsbomb", "opta", "wyscout", "sportec", "metrica", "kloppy", ...
+        One of `SYSTEMS`: "fieldcalib" or "soccernet", which are the same, or one that kloppy knows.
     field : Field
         Of soccer; its length and width are those of the pitch.
 
@@ -99,15 +103,11 @@ def scale_of_system(xy: ArrayLike, system: str, field: Field) -> Array:
     return np.asarray((to_system(points + STEP, system, field) - to_system(points, system, field)) / STEP)
 
 
-def check_system(system: str, field: Field) -> None:
-    """Raise what `to_system` would, without points."""
-    if system not in OWN_SYSTEMS:
-        _converter(system, field)
-
-
 @lru_cache(maxsize=8)
 def _converter(system: str, field: Field) -> Callable[[float, float], tuple[float, float]]:
     """A function that converts one point, by kloppy."""
+    if _bare(system) not in map(_bare, SYSTEMS):
+        raise ValueError(f"expected a system among {', '.join(SYSTEMS)}, got {system!r}")
     kloppy: Any = imported("kloppy.domain", "coordinates", f"the coordinate system {system!r}")
     if MARKING not in field:
         raise ValueError(
@@ -115,13 +115,10 @@ def _converter(system: str, field: Field) -> Callable[[float, float], tuple[floa
         )
     length, width = field.length, field.width
     providers = {_bare(provider.value): provider for provider in kloppy.Provider}
-    try:
-        # tracking, not events: Sportec has a system for each, and players are tracked
-        found = kloppy.build_coordinate_system(
-            providers[_bare(system)], kloppy.DatasetType.TRACKING, pitch_length=length, pitch_width=width
-        )
-    except (KeyError, ValueError):
-        raise ValueError(f"expected a system among {', '.join(systems())}, got {system!r}") from None
+    # tracking, not events: Sportec has a system for each, and players are tracked
+    found = kloppy.build_coordinate_system(
+        providers[_bare(system)], kloppy.DatasetType.TRACKING, pitch_length=length, pitch_width=width
+    )
     # the main camera's side is the bottom
     down = found.vertical_orientation is kloppy.VerticalOrientation.TOP_TO_BOTTOM
 
@@ -131,26 +128,6 @@ def _converter(system: str, field: Field) -> Callable[[float, float], tuple[floa
         return point.x, point.y
 
     return convert
-
-
-def systems() -> list[str]:
-    """Names of the systems: those of this package, and those that the installed kloppy knows.
-
-    Examples
-    --------
-    >>> systems()[:2], "skillcorner" in systems()
-    (['fieldcalib', 'soccernet'], True)
-    """
-    kloppy: Any = imported("kloppy.domain", "coordinates", "the list of coordinate systems")
-
-    def has_system(provider: Any) -> bool:
-        try:
-            kloppy.build_coordinate_system(provider, kloppy.DatasetType.TRACKING)
-        except ValueError:
-            return False
-        return True
-
-    return [*OWN_SYSTEMS, *sorted(provider.value for provider in kloppy.Provider if has_system(provider))]
 
 
 def _bare(name: str) -> str:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from dataclasses import field as attribute
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, cast, overload
 
 import numpy as np
 
@@ -116,8 +116,16 @@ class Results(Numbered[Calibration]):
         broken = self.frames.broken
         return {id: number for number, id in enumerate(self.frames.ids) if id not in broken}
 
-    def __getitem__(self, id: str | int) -> Calibration:
-        """The calibration of a frame, by its id or by its number among those that have one."""
+    @overload
+    def __getitem__(self, id: str | int) -> Calibration: ...
+
+    @overload
+    def __getitem__(self, id: slice) -> Mapping[str, Calibration]: ...
+
+    def __getitem__(self, id: str | int | slice) -> Calibration | Mapping[str, Calibration]:
+        """The calibration of a frame, by its id or by its number among those that have one; of a slice a mapping."""
+        if isinstance(id, slice):
+            return Lazy(dict([*self._numbers.items()][id]), self.frames.calibration)
         return self.frames.calibration(self._number(id))
 
     def _number(self, id: str | int) -> int:
@@ -165,11 +173,6 @@ class Results(Numbered[Calibration]):
     def _counts(self) -> str:
         counts = Counter(self.verdicts.values())
         return ", ".join(f"{counts[verdict]} {verdict}" for verdict in Verdict if counts[verdict]) or "none"
-
-    @property
-    def calibrations(self) -> Mapping[str, Calibration]:
-        """The calibrations by id: the results themselves."""
-        return self
 
     @property
     def broken(self) -> Mapping[str, str]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from fieldcalib._json import to_json
 from fieldcalib._types import Array
-from fieldcalib.assess.findings import Finding, Tool, What, how, in_words
+from fieldcalib.assess.findings import Tool, What, how
 from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.scene import image_curves_of
@@ -29,7 +29,6 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.homography import homogenize
 from fieldcalib.io.image_files import size_of
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F
-from fieldcalib.solve.misreadings import BY_LABEL
 from fieldcalib.solve.solver_options import LENS_FLAGS
 
 MARGIN = 0.06  # margin around the field on its map, as a share of its diagonal
@@ -105,7 +104,7 @@ def judgement_record(calibration: Calibration) -> dict[str, Any]:
         "status": str(calibration.status),
         "message": calibration.message,
         "verdict": str(calibration.verdict),
-        "reason": _reason(calibration),
+        "reason": calibration.reason,
         "findings": [one.to_dict() for one in calibration.findings],
         "remedy": calibration.remedy,
         "here": how(calibration.advice, Tool.PAGE),
@@ -113,19 +112,6 @@ def judgement_record(calibration: Calibration) -> dict[str, Any]:
         "probability": _probability(calibration),
         "camera": None if calibration.camera is None else camera_record(calibration),
     }
-
-
-def _reason(calibration: Calibration) -> str:
-    """Reason of the verdict, in which each wrong label is told once, with its distance from the others' camera."""
-    suspects = {one.label: one for one in calibration.suspect_labels}
-    if not suspects or not calibration.accepted:
-        return calibration.reason
-    wrong = (
-        f"{label!r} lies {one.error_px:.0f} px off" + (f" and fits {one.fits!r}" if one.fits else ": check its label")
-        for label, one in suspects.items()
-    )
-    others = (one for one in calibration.findings if one.what.is_against and one.what not in BY_LABEL)
-    return in_words(*(Finding(What.SAID, one) for one in wrong), *(one for one in others if one.about not in suspects))
 
 
 def _more(calibration: Calibration) -> int | None:

@@ -189,7 +189,7 @@ def test_suspect_labels_that_are_corrected_or_left_out():
     right = frame_of(BOTH)
     wrong = {**right, "Big rect. left main": right["Big rect. left main"] + (40.0, 20.0)}
     before = calibrate_from_segments(KNOWN_PITCH, wrong, SIZE)
-    assert before.remedy == findings.MENDED_LABELS.text
+    assert before.remedy == "correct 'Big rect. left main', or leave it out"
     without = {label: xy for label, xy in right.items() if label != "Big rect. left main"}
     for labels in (right, without):
         after = calibrate_from_segments(KNOWN_PITCH, labels, SIZE)
@@ -205,7 +205,8 @@ def test_a_stray_mark_that_is_taken_away():
         frame = frame.mark(label, xy[[0, -1]], snap=False)
     before = frame.mark("Circle central", [(300.0, 400.0)], snap=False).calibration
     assert before.has_finding(What.STRAY)
-    assert before.remedy == findings.MENDED_LABELS.text
+    assert before.reason.count("'Circle central'") == 1  # also suspect, and told once
+    assert before.remedy == "correct 'Circle central', or leave it out"
     assert is_better(frame.calibration, before)
 
 

@@ -2,12 +2,14 @@
 
 import csv
 import json
+import sys
 import tracemalloc
 from datetime import timedelta
 
 import numpy as np
 import pytest
 
+import fieldcalib
 from fieldcalib import Calibration, Camera, Status, calibrate_from_segments, soccer
 from fieldcalib.assess.camera_errors import KnownErrors
 from fieldcalib.assess.ground_points import locate_on_ground
@@ -15,7 +17,7 @@ from fieldcalib.cli.frame_cameras import Cameras
 from fieldcalib.cli.main import main
 from fieldcalib.fields.catalogue import tennis
 from fieldcalib.io.boxes import foot_points, open_boxes
-from fieldcalib.io.coordinates import scale_of_system, systems, to_system
+from fieldcalib.io.coordinates import SYSTEMS, scale_of_system, to_system
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.problem.layout import Layout
 
@@ -205,6 +207,21 @@ def test_problems_are_said_and_nothing_is_dropped(tmp_path, cameras, calibration
     has_point = [bool(row["field_x"]) for row in found]
     assert has_point == [False, True, True, False, True, True, True, False, False, False]
     assert projected(path, cameras, "--keep-rejected")[8]["field_x"]
+
+
+def test_players_behind_the_lines_of_a_court_with_a_net_are_no_problem(tmp_path):
+    court = tennis()
+    camera = Camera.from_angles(0.0, 1.2, 0.0, 900.0, (0.0, 25.0, -9.0), (960, 540))
+    pixels = {label: camera.project(court[label].sample(1.0)) for label in court if not label.startswith("Net post")}
+    out = tmp_path / "cameras"
+    fieldcalib.calibrate({"000000": pixels}, field=court, image_size=(960, 540), progress=False).save(out)
+    feet = np.array([[-court.length / 2.0 - 1.5, 1.0, 0.0], [0.0, -2.0, 0.0]])
+    path = written(
+        tmp_path / "boxes.csv", [["000000", *box] for box in boxes_of(camera, feet)], ["frame", "x", "y", "w", "h"]
+    )
+    found = projected(path, out)
+    np.testing.assert_allclose(points(found), feet[:, :2], atol=0.05)
+    assert [row["problem"] for row in found] == ["", ""]
 
 
 def test_boxes_of_images_of_another_size(tmp_path, cameras, calibration):
@@ -408,7 +425,7 @@ def test_systems_are_those_of_kloppy(rng):
     for length, width in SIZES:
         field = soccer(length, width)
         xy = rng.uniform(-0.5, 0.5, (200, 2)) * (length, width)
-        for system in systems()[2:]:
+        for system in SYSTEMS[2:]:
             np.testing.assert_allclose(to_system(xy, system, field), by_kloppy(xy, system, length, width), atol=1e-9)
 
 
@@ -482,6 +499,14 @@ def test_systems_that_nobody_has_are_refused(tmp_path, cameras, capsys):
     path = written(tmp_path / "boxes.csv", [[0, 1, 2, 3, 4]], ["frame", "x", "y", "width", "height"])
     assert projected(path, cameras, "--to", "mars") == 2
     assert "expected a system among" in capsys.readouterr().err
+
+
+def test_misspelt_systems_are_named_without_kloppy(monkeypatch):
+    monkeypatch.setitem(sys.modules, "kloppy.domain", None)  # not installed
+    with pytest.raises(ValueError, match=r"expected a system among .*skillcorner.*, got 'skilcorner'"):
+        to_system([0.0, 0.0], "skilcorner", soccer())
+    with pytest.raises(ImportError, match="kloppy"):
+        to_system([0.0, 0.0], "sportvu", soccer(104, 67))
 
 
 # Other files of detectors

@@ -45,6 +45,8 @@ from fieldcalib.io.image_files import checked_image
 from fieldcalib.io.soccernet import format_annotation, format_camera, parse_annotation, parse_camera
 from fieldcalib.problem import RobustLoss
 from fieldcalib.problem.picture_shape import Declared, Placement
+from fieldcalib.results.collection import Results
+from fieldcalib.results.frames import KeptFrames
 from fieldcalib.solve import estimate_field_size
 
 SIZE = (960, 540)
@@ -523,6 +525,18 @@ def test_every_finding_has_a_sentence_and_is_read_back(what):
     if found.numbers:
         with pytest.raises(ValueError, match="expected a finding with its numbers"):
             Finding.from_dict({"what": str(what), "about": about})
+
+
+def test_slices_are_mappings_of_their_frames(batch):
+    results = Results(KeptFrames(["a", "b", "c"], batch[:2], {"b": "is cut off"}))
+    assert list(results[1:]) == ["c"]
+    assert results[1:]["c"] is results["c"]
+    assert dict(results[:]) == dict(results)
+
+
+def test_a_long_reason_ends_at_a_word():
+    said = repr(Calibration.without_camera(Status.TOO_FEW_SEGMENTS, " ".join(["labelled"] * 20)))
+    assert said == f"Calibration(reject, no camera: {' '.join(['labelled'] * 6)} [...])"
 
 
 def test_findings_follow_their_calibration(batch):
