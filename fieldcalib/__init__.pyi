@@ -12,7 +12,7 @@ from . import problem as problem
 from . import processes as processes
 from . import solve as solve
 from . import web as web
-from .assess.findings import NoCameraError as NoCameraError
+from .assess.advice import NoCameraError as NoCameraError
 from .assess.findings import Status as Status
 from .assess.findings import Verdict as Verdict
 from .assess.ground_points import locate_on_ground as locate_on_ground

@@ -1,11 +1,11 @@
-from .findings import Advice as Advice
+from .advice import Advice as Advice
+from .advice import NoCameraError as NoCameraError
+from .advice import Tool as Tool
+from .advice import how as how
 from .findings import Finding as Finding
-from .findings import NoCameraError as NoCameraError
 from .findings import Status as Status
-from .findings import Tool as Tool
 from .findings import Verdict as Verdict
 from .findings import What as What
-from .findings import how as how
 from .ground_points import locate_on_ground as locate_on_ground
 from .result import Calibration as Calibration
 from .sequence_calibration import SequenceCalibration as SequenceCalibration

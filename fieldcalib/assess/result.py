@@ -20,25 +20,19 @@ from numpy.typing import ArrayLike
 from fieldcalib._html import table
 from fieldcalib._json import from_json, reading, to_json
 from fieldcalib._types import Array, ReadOnlyDict, expect, number, positive, truth, whole_number
-from fieldcalib.assess.camera_errors import CameraErrors, KnownErrors, NoErrors, Picture, Solved
-from fieldcalib.assess.estimate import MARKINGS_IN_VIEW, Estimate, GroundError, RelativeTo
-from fieldcalib.assess.findings import (
+from fieldcalib.assess.advice import (
     IF_ON_PAINT,
     MENDED_LABELS,
     MORE_LABELS,
     NOTHING,
     Advice,
-    Finding,
     NoCameraError,
     Remedy,
-    Status,
-    SuspectLabel,
-    Verdict,
-    What,
-    findings_from_json,
-    in_words,
     remedy_of,
 )
+from fieldcalib.assess.camera_errors import CameraErrors, KnownErrors, NoErrors, Picture, Solved
+from fieldcalib.assess.estimate import MARKINGS_IN_VIEW, Estimate, GroundError, RelativeTo
+from fieldcalib.assess.findings import Finding, Status, SuspectLabel, Verdict, What, findings_from_json, in_words
 from fieldcalib.assess.observability import Direction
 from fieldcalib.assess.paint_in_view import MarkingInView, checked_markings, contradiction, paint_findings, paint_share
 from fieldcalib.assess.probability import probability_given_paint
@@ -76,7 +70,7 @@ class Calibration:
     >>> calibrate_from_segments(soccer(), {}, (960, 540)).K  # doctest: +ELLIPSIS
     Traceback (most recent call last):
         ...
-    fieldcalib.assess.findings.NoCameraError: there is no camera: no labelled pixels: nothing to calibrate from ...
+    fieldcalib.assess.advice.NoCameraError: there is no camera: no labelled pixels: nothing to calibrate from ...
     """
 
     camera: Camera | None

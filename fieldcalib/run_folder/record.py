@@ -26,17 +26,8 @@ import numpy as np
 import fieldcalib
 from fieldcalib._progress import counted
 from fieldcalib._types import Array
-from fieldcalib.assess.findings import (
-    Finding,
-    Remedy,
-    Status,
-    Tool,
-    Verdict,
-    What,
-    advice_from_json,
-    first_reason,
-    how,
-)
+from fieldcalib.assess.advice import Remedy, Tool, advice_from_json, how
+from fieldcalib.assess.findings import Finding, Status, Verdict, What, first_reason
 from fieldcalib.assess.result import Calibration
 from fieldcalib.geometry.camera import ANGLE_NAMES, Camera
 from fieldcalib.io.files import (

@@ -22,7 +22,8 @@ from typing import Any
 
 import fieldcalib
 from fieldcalib._progress import counted, say, show
-from fieldcalib.assess.findings import LEFT_OUT, Verdict, What
+from fieldcalib.assess.advice import LEFT_OUT
+from fieldcalib.assess.findings import Verdict, What
 from fieldcalib.io.files import (
     BrokenFileError,
     FrameFile,

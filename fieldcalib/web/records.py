@@ -16,7 +16,8 @@ import numpy as np
 
 from fieldcalib._json import to_json
 from fieldcalib._types import Array
-from fieldcalib.assess.findings import Tool, What, how
+from fieldcalib.assess.advice import Tool, how
+from fieldcalib.assess.findings import What
 from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.scene import image_curves_of

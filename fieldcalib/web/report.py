@@ -31,17 +31,8 @@ import numpy as np
 import fieldcalib
 from fieldcalib._progress import Progress, progress_bar
 from fieldcalib._types import IntArray, expect, file_path
-from fieldcalib.assess.findings import (
-    IF_ON_PAINT,
-    Advice,
-    Finding,
-    Remedy,
-    Tool,
-    Verdict,
-    advice_from_json,
-    first_reason,
-    how,
-)
+from fieldcalib.assess.advice import IF_ON_PAINT, Advice, Remedy, Tool, advice_from_json, how
+from fieldcalib.assess.findings import Finding, Verdict, first_reason
 from fieldcalib.assess.result import Calibration
 from fieldcalib.editor.frame_states import Row
 from fieldcalib.fields.field import Field

@@ -9,35 +9,29 @@ import pytest
 from networks import Blind
 
 from fieldcalib import calibrate, soccer
-from fieldcalib.assess import findings
-from fieldcalib.assess.estimate import in_words
-from fieldcalib.assess.findings import (
+from fieldcalib.assess import advice
+from fieldcalib.assess.advice import (
     CAUSE_REMEDIES,
-    CUT,
     HOW,
     NOT_SOCCER,
     NOTHING,
     OF_LABELS,
     OTHER_SPORT,
     REMEDIES,
-    SENTENCES,
-    SHAPE,
-    UNUSUAL,
     Advice,
-    Finding,
     Remedy,
-    Status,
     Tool,
-    What,
     how,
 )
+from fieldcalib.assess.estimate import in_words
+from fieldcalib.assess.findings import CUT, SENTENCES, SHAPE, UNUSUAL, Finding, Status, What
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.run import add_arguments
 from fieldcalib.images.clip.from_video import calibrate_video
 from fieldcalib.images.from_images import calibrate_from_images
 
 SIZES = [in_words(np.diag(one), np.array([2.5, 2.8])) for one in ([0.5, 0.5], [0.5, 0.0], [0.0, -0.5])]
-ALL = [one for one in vars(findings).values() if isinstance(one, Remedy) and one != NOTHING]
+ALL = [one for one in vars(advice).values() if isinstance(one, Remedy) and one != NOTHING]
 ALL += [*REMEDIES.values(), *OF_LABELS.values(), *CAUSE_REMEDIES.values()]
 REASONS = [str(one) for one in (CUT, SHAPE, Finding(What.TOO_FEW_LABELS, "segment", (2, 4, 7)))]
 
@@ -53,9 +47,9 @@ def test_a_remedy_names_no_tool_and_none_of_another_frame(remedy):
 def test_each_tool_says_how(tool):
     said = {remedy: how(remedy.advice, tool) for remedy in ALL}
     assert all(said[remedy] for remedy in ALL if remedy.advice)
-    for advice in Advice:
-        assert any(advice in remedy.advice for remedy in ALL)
-        assert HOW[advice][tool]
+    for one in Advice:
+        assert any(one in remedy.advice for remedy in ALL)
+        assert HOW[one][tool]
     assert ("--" in how([Advice.FIELD_SIZE], tool)) == (tool is Tool.COMMAND)
 
 

@@ -31,8 +31,9 @@ from fieldcalib import (
     calibrate_from_segments,
     soccer,
 )
-from fieldcalib.assess import Verdict, findings
-from fieldcalib.assess.findings import CAUSE_REMEDIES, OF_LABELS, REMEDIES, Advice, Remedy, What
+from fieldcalib.assess import Verdict, advice
+from fieldcalib.assess.advice import CAUSE_REMEDIES, OF_LABELS, REMEDIES, Advice, Remedy
+from fieldcalib.assess.findings import What
 from fieldcalib.assess.result import doubted, in_picture
 from fieldcalib.fields import Field, Ground, badminton, tennis
 from fieldcalib.geometry.homography import homography_from_points
@@ -102,7 +103,7 @@ def scaled_pitch(scale):
 
 
 def test_no_remedy_is_left_out():
-    of_module = [one for one in vars(findings).values() if isinstance(one, Remedy) and one != findings.NOTHING]
+    of_module = [one for one in vars(advice).values() if isinstance(one, Remedy) and one != advice.NOTHING]
     of_status = [*REMEDIES.values(), *OF_LABELS.values(), *CAUSE_REMEDIES.values()]
     assert {*of_module, *of_status, UNREADABLE} == set(FOLLOWED)
 
@@ -142,12 +143,12 @@ def test_more_markings_a_known_camera_and_nothing_wrong_that_is_given():
     assert is_better(doubted(calibrate_from_segments(PITCH, frame_of(LEFT), SIZE), 0.5), wrong)
 
 
-@follows(findings.MORE_LABELS)
+@follows(advice.MORE_LABELS)
 def test_more_labels_or_a_known_camera_where_only_the_probability_is_low():
     few = frame_of(LEFT, FEW, noise=1.0)
     before = calibrate_from_segments(KNOWN_PITCH, few, SIZE)
     assert [one.what for one in before.findings] == [What.IMPROBABLE]
-    assert before.remedy == findings.MORE_LABELS.text
+    assert before.remedy == advice.MORE_LABELS.text
     rvec, tvec, K, _ = LEFT.to_opencv()
     flags = KNOWN | CalibrationFlags.CALIB_FIX_POSITION
     for after in (
@@ -157,34 +158,34 @@ def test_more_labels_or_a_known_camera_where_only_the_probability_is_low():
         assert (after.verdict, after.remedy) == (Verdict.GOOD, "")
 
 
-@follows(findings.IF_ON_PAINT)
+@follows(advice.IF_ON_PAINT)
 def test_a_picture_to_look_at_that_is_labelled():
     few = frame_of(LEFT, FEW, noise=1.0)
     before = calibrate_from_segments(KNOWN_PITCH, few, SIZE, trust_labels=True)
-    assert (before.verdict, before.remedy) == (Verdict.CHECK, findings.IF_ON_PAINT.text)
-    assert remedy_of(calibration_line("frame", before, None)) == findings.IF_ON_PAINT
+    assert (before.verdict, before.remedy) == (Verdict.CHECK, advice.IF_ON_PAINT.text)
+    assert remedy_of(calibration_line("frame", before, None)) == advice.IF_ON_PAINT
     assert is_better(calibrate_from_segments(KNOWN_PITCH, frame_of(LEFT), SIZE), before)
 
 
-@follows(findings.RIGHT_SIZE)
+@follows(advice.RIGHT_SIZE)
 @pytest.mark.parametrize("size", [(98.0, 62.0), (112.0, 75.0), (120.0, 80.0)])
 def test_the_right_size_where_labels_tell_another_one(size):
     labels = frame_of(WIDE, field=soccer(*size))
     before = calibrate_from_segments(PITCH, labels, SIZE)
-    assert before.remedy == findings.RIGHT_SIZE.text
+    assert before.remedy == advice.RIGHT_SIZE.text
     after = calibrate_from_segments(soccer(*size, size_known=True), labels, SIZE)
     assert not after.has_finding(What.OTHER_SIZE)
     assert is_better(after, before)
 
 
-@follows(findings.WITHOUT_GIVEN)
+@follows(advice.WITHOUT_GIVEN)
 def test_a_given_value_that_the_labels_contradict_is_left_out():
     before = calibrate_from_segments(KNOWN_PITCH, frame_of(LEFT), SIZE, LEFT.K * [[1.06], [1.06], [1.0]], flags=KNOWN)
-    assert before.remedy == findings.WITHOUT_GIVEN.text
+    assert before.remedy == advice.WITHOUT_GIVEN.text
     assert is_better(calibrate_from_segments(KNOWN_PITCH, frame_of(LEFT), SIZE), before)
 
 
-@follows(findings.MENDED_LABELS)
+@follows(advice.MENDED_LABELS)
 def test_suspect_labels_that_are_corrected_or_left_out():
     right = frame_of(BOTH)
     wrong = {**right, "Big rect. left main": right["Big rect. left main"] + (40.0, 20.0)}
@@ -197,7 +198,7 @@ def test_suspect_labels_that_are_corrected_or_left_out():
         assert after.remedy == ""
 
 
-@follows(findings.MENDED_LABELS)
+@follows(advice.MENDED_LABELS)
 def test_a_stray_mark_that_is_taken_away():
     with Editor([picture(LEFT)], KNOWN_PITCH) as editor:
         frame = editor[0].clear()
@@ -226,14 +227,14 @@ def test_a_marking_that_is_not_parallel():
     assert is_better(calibrate_from_segments(PITCH, across, SIZE), before)
 
 
-@follows(findings.MORE_THAN_GROUND)
+@follows(advice.MORE_THAN_GROUND)
 def test_a_focal_length_or_a_goal():
     above = Camera.from_angles(0.1, 0.0, 0.0, 800.0, (2.0, 1.0, -90.0), SIZE)
     whole = {label: above.project(segment.sample(1.0)) for label, segment in PITCH.markings.items()}
     flat = {label: xy for label, xy in whole.items() if "Goal" not in label and "central " not in label}
     before = calibrate_from_segments(PITCH, flat, SIZE)
     assert before.verdict is Verdict.GOOD
-    assert before.remedy == findings.MORE_THAN_GROUND.text
+    assert before.remedy == advice.MORE_THAN_GROUND.text
     known = calibrate_from_segments(PITCH, flat, SIZE, above.K, flags=KNOWN)
     crossbars = {label: xy for label, xy in whole.items() if "crossbar" in label}
     for after in (known, calibrate_from_segments(PITCH, {**flat, **crossbars}, SIZE)):
@@ -301,11 +302,11 @@ def in_frame(placement, labels):
 @pytest.mark.parametrize(
     ("remedy", "parts"),
     [
-        (findings.WHICH_PART, [((320, 180), (640, 360)), ((0, 0), (640, 360))]),
-        (findings.NOT_WHOLE, [((0, 0), (480, 540)), ((0, 100), (960, 340))]),
+        (advice.WHICH_PART, [((320, 180), (640, 360)), ((0, 0), (640, 360))]),
+        (advice.NOT_WHOLE, [((0, 0), (480, 540)), ((0, 100), (960, 340))]),
     ],
 )
-@follows(findings.WHICH_PART, findings.NOT_WHOLE)
+@follows(advice.WHICH_PART, advice.NOT_WHOLE)
 def test_which_part_of_a_frame_it_is(remedy, parts):
     """Nothing is asked any more, and the camera of the frame is better than that of the part, or as good."""
     asked, better = 0, 0
@@ -330,26 +331,26 @@ def cameras_of(size, count=12):
         yield Camera.from_angles(pan, tilt, 0.005 * rng.normal(), f, C, size)
 
 
-@follows(findings.NOT_WHOLE)
+@follows(advice.NOT_WHOLE)
 def test_a_whole_picture_of_another_shape():
     asked = 0
     for camera in cameras_of((640, 640)):
         before = calibrate_from_segments(PITCH, frame_of(camera, noise=1.0), camera.image_size)
-        if before.remedy == findings.NOT_WHOLE.text:
+        if before.remedy == advice.NOT_WHOLE.text:
             after = replace(before, declared=Declared.FRAME)  # a part that is all of its frame
             assert not after.has_finding(What.SHAPE, What.PART)
             asked += 1
     assert asked >= 3
 
 
-@follows(findings.NOT_WHOLE)
+@follows(advice.NOT_WHOLE)
 def test_a_squashed_picture():
     asked, better = 0, 0
     placement = Placement((640, 640), (1138, 640), None)
     for camera in cameras_of((1138, 640)):
         labels = {label: xy / placement.scale for label, xy in frame_of(camera, noise=1.0).items()}
         before = calibrate_from_segments(PITCH, labels, placement.size, estimate_aspect=False)
-        if before.remedy == findings.NOT_WHOLE.text:
+        if before.remedy == advice.NOT_WHOLE.text:
             found = calibrate_from_segments(PITCH, in_frame(placement, labels), placement.frame_size)
             after = replace(in_picture(found, placement), declared=Declared.PIXELS)
             assert not after.has_finding(What.SHAPE)
@@ -359,12 +360,12 @@ def test_a_squashed_picture():
 
 
 @pytest.mark.slow
-@follows(findings.ONE_VIEW)
+@follows(advice.ONE_VIEW)
 def test_one_view_that_is_cut_out():
     views = [View(picture(camera, KNOWN_PITCH), camera, KNOWN_PITCH) for camera in (LEFT, BOTH)]
     image = arranged(views, WAYS["split, two thirds"], np.random.default_rng(0)).image
     (before,) = calibrate_from_images(KNOWN_PITCH, [image], NETWORK)
-    assert before.remedy == findings.ONE_VIEW.text
+    assert before.remedy == advice.ONE_VIEW.text
     left, *_ = windows_of(image)
     (after,) = calibrate_from_images(KNOWN_PITCH, [image[left.top : left.bottom, left.left : left.right]], NETWORK)
     assert not after.has_finding(What.SEVERAL_VIEWS)
@@ -374,12 +375,12 @@ def test_one_view_that_is_cut_out():
 # the field
 
 
-@follows(findings.OFF_PAINT)
+@follows(advice.OFF_PAINT)
 @pytest.mark.parametrize("size", [(98.0, 62.0), (112.0, 75.0)])
 def test_the_known_size_of_the_field(size):
     image = picture(LEFT, soccer(*size))
     (before,) = calibrate_from_images(PITCH, [image], NETWORK, estimate_size=False)
-    assert before.remedy == findings.OFF_PAINT.text
+    assert before.remedy == advice.OFF_PAINT.text
     (after,) = calibrate_from_images(soccer(*size, size_known=True), [image], NETWORK)
     assert after.verdict == Verdict.GOOD
 
@@ -395,7 +396,7 @@ def test_the_height_of_the_middle_of_a_field():
     assert after.rms < before.rms
 
 
-@follows(findings.OFF_PAINT_OF_KNOWN_SIZE)
+@follows(advice.OFF_PAINT_OF_KNOWN_SIZE)
 def test_markings_by_hand_where_a_field_has_one_size():
     court = tennis()
     image, labels = picture(COURT, court), frame_of(COURT, field=court)
@@ -409,31 +410,31 @@ def test_markings_by_hand_where_a_field_has_one_size():
     few["Base line right"] = labels["Base line right"] + (0.0, 9.0)
     before = with_paint(few)
     assert before.accepted
-    assert before.remedy == findings.OFF_PAINT_OF_KNOWN_SIZE.text
+    assert before.remedy == advice.OFF_PAINT_OF_KNOWN_SIZE.text
     assert is_better(with_paint(labels), before)
 
 
 @pytest.mark.slow
-@follows(findings.SMALLER)
+@follows(advice.SMALLER)
 def test_a_smaller_field_by_its_name():
     small = scaled_pitch(0.5)
     camera = Camera.from_angles(-0.3, 1.34, 0.0, 1800.0, (0.75, 33.0, -8.5), (1920, 1080))
     image = picture(camera, small)
     (before,) = calibrate_from_images(KNOWN_PITCH, [image], NETWORK)
-    assert before.remedy == findings.SMALLER.text
+    assert before.remedy == advice.SMALLER.text
     (after,) = calibrate_from_images(small, [image], NETWORK)
     assert not after.has_finding(What.WIDE_PAINT)
     assert is_better(after, before)
 
 
 @pytest.mark.slow
-@follows(findings.NOT_SOCCER, findings.OTHER_SPORT)
+@follows(advice.NOT_SOCCER, advice.OTHER_SPORT)
 def test_another_sport_by_its_name():
     camera = Camera.from_angles(np.radians(92), np.radians(76), 0.01, 2300.0, (-38.0, 1.0, -10.0), (1280, 720))
     image = picture(camera, tennis())
     for before, remedy in (
-        (calibrate_from_images(PITCH, [image], Blind())[0], findings.NOT_SOCCER),
-        (calibrate_from_images(badminton(), [image])[0], findings.OTHER_SPORT),
+        (calibrate_from_images(PITCH, [image], Blind())[0], advice.NOT_SOCCER),
+        (calibrate_from_images(badminton(), [image])[0], advice.OTHER_SPORT),
     ):
         assert before.remedy.endswith(remedy.text)
         (after,) = calibrate_from_images(tennis(), [image])

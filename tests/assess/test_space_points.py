@@ -9,7 +9,7 @@ from data_tools.rigs import errors_of
 from data_tools.simulated import observe
 from fieldcalib import Camera, calibrate, calibrate_batch, calibrate_from_homography, calibrate_rig, soccer
 from fieldcalib.assess import height_above_ground, joint_covariance, triangulate
-from fieldcalib.assess.findings import NoCameraError
+from fieldcalib.assess.advice import NoCameraError
 from fieldcalib.draw.scene import render_field
 
 FIELD, SIZE = soccer(), (960, 540)

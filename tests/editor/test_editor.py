@@ -10,7 +10,8 @@ from strategies import examples, pixel_arrays
 from views import inside
 
 from fieldcalib import Camera, calibrate_batch, calibrate_from_homography, calibrate_from_segments, soccer
-from fieldcalib.assess.findings import NoCameraError, Status
+from fieldcalib.assess.advice import NoCameraError
+from fieldcalib.assess.findings import Status
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.scene import render_field
 from fieldcalib.editor.edit import History, Known, Marks

@@ -9,7 +9,8 @@ from pictures import picture
 from synthetic import observe
 
 from fieldcalib import Camera, calibrate_from_images, calibrate_from_segments
-from fieldcalib.assess.findings import NARROW, Advice, Status, Verdict, What
+from fieldcalib.assess.advice import Advice
+from fieldcalib.assess.findings import NARROW, Status, Verdict, What
 from fieldcalib.assess.result import with_findings
 from fieldcalib.images import from_images
 from fieldcalib.images.from_images import How, calibrate_pictures, with_narrow_padded

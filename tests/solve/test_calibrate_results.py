@@ -20,7 +20,7 @@ from fieldcalib import (
     calibrate_from_segments,
     locate_on_ground,
 )
-from fieldcalib.assess.findings import NoCameraError
+from fieldcalib.assess.advice import NoCameraError
 from fieldcalib.solve import compute_errors
 from fieldcalib.solve.solver_options import DEFAULT_FLAGS
 

@@ -12,19 +12,8 @@ from networks import FIELD, looked_at
 
 import fieldcalib
 from fieldcalib import Camera, soccer
-from fieldcalib.assess.findings import (
-    IF_ON_PAINT,
-    NOT_SOCCER,
-    NOT_WHOLE,
-    OFF_PAINT,
-    REMEDIES,
-    SMALLER,
-    Advice,
-    Finding,
-    Tool,
-    What,
-    how,
-)
+from fieldcalib.assess.advice import IF_ON_PAINT, NOT_SOCCER, NOT_WHOLE, OFF_PAINT, REMEDIES, SMALLER, Advice, Tool, how
+from fieldcalib.assess.findings import Finding, What
 from fieldcalib.draw.scene import render_field
 from fieldcalib.web import report
 from fieldcalib.web.pictures import Thumbnails, frames_to_show

@@ -23,8 +23,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from fieldcalib.assess.advice import NOT_SOCCER
 from fieldcalib.assess.camera_errors import principal_point_of, score_above
-from fieldcalib.assess.findings import ENLARGED, IN_WINDOW, NOT_SOCCER, SEVERAL_VIEWS, Finding, Status, Verdict, What
+from fieldcalib.assess.findings import ENLARGED, IN_WINDOW, SEVERAL_VIEWS, Finding, Status, Verdict, What
 from fieldcalib.assess.result import Calibration, in_picture, with_findings
 from fieldcalib.assess.verdict import STEEPLY
 from fieldcalib.assess.video import VideoCalibration

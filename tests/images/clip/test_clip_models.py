@@ -8,7 +8,8 @@ from tripods import SIZE, chain, matched, panned
 
 from data_tools.synthetic.clips import labelled
 from fieldcalib import Camera, calibrate_from_segments, soccer
-from fieldcalib.assess.findings import WHICH_PART, Verdict, What
+from fieldcalib.assess.advice import WHICH_PART
+from fieldcalib.assess.findings import Verdict, What
 from fieldcalib.assess.label_errors import is_contradicted
 from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.images.clip.clip_models import ALONE, CUT_OUT, MOVING, WINDOW, HeldOut, Pieces, parts

@@ -12,7 +12,8 @@ from views import camera
 
 from data_tools.pictures_in_pictures import WAYS, arranged, clip_views, counts
 from fieldcalib import Camera, VideoCalibration, calibrate_video, soccer
-from fieldcalib.assess.findings import ENLARGED, WHICH_PART, Verdict
+from fieldcalib.assess.advice import WHICH_PART
+from fieldcalib.assess.findings import ENLARGED, Verdict
 from fieldcalib.images.shape.enlarged import LARGEST_SOFTNESS, Detail, are_interpolated, softness_of_shot
 
 PART = (720, 405)  # px: three quarters of a frame

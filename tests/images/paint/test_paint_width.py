@@ -10,7 +10,8 @@ import pytest
 from data_tools.smaller_pitches import SIZE, frames
 from data_tools.synthetic.film import clip_frames
 from fieldcalib import Camera, Tracker, calibrate_from_segments, calibrate_video, soccer
-from fieldcalib.assess.findings import SMALLER, Verdict
+from fieldcalib.assess.advice import SMALLER
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.paint_in_view import TOO_WIDE, MarkingInView, paint_findings, paint_width
 from fieldcalib.draw.scene import render_field
 from fieldcalib.images import refine_on_image

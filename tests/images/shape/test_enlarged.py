@@ -12,7 +12,8 @@ from views import camera
 from data_tools.pictures_in_pictures import WAYS, View, arranged, is_wrong
 from data_tools.probability import largest_true_error
 from fieldcalib import Calibration, Camera, calibrate_from_images
-from fieldcalib.assess.findings import CUT, ENLARGED, WHICH_PART, Verdict
+from fieldcalib.assess.advice import WHICH_PART
+from fieldcalib.assess.findings import CUT, ENLARGED, Verdict
 from fieldcalib.cli.camera_options import KnownCamera
 from fieldcalib.console.options import add_options
 from fieldcalib.images.shape import shape_of_picture
