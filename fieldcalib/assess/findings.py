@@ -15,6 +15,7 @@ import numpy as np
 
 from fieldcalib._types import expect, number
 
+ENDLESS = 1e5  # px: a line near the horizon may be off by any number
 BESIDE = 5.0  # px: nearer pixels lie on the line
 UP_TO_SIDE = (
     "cameras and probabilities are up to the side of the field: its markings look the same from the opposite side, and "
@@ -437,5 +438,6 @@ class SuspectLabel:
 
     def __str__(self) -> str:
         fits = "no other label fits" if self.fits is None else f"{self.fits!r} fits"
-        where = f"lies {self.error_px:.0f} px off" if self.error_px > BESIDE else "ends elsewhere on the same line"
+        px = f"{self.error_px:.0f}" if self.error_px < ENDLESS else f"more than {ENDLESS:.0f}"
+        where = f"lies {px} px off" if self.error_px > BESIDE else "ends elsewhere on the same line"
         return f"{self.label!r} {where}: {fits}"

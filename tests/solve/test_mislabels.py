@@ -142,6 +142,7 @@ def test_renaming_joins_what_belongs_to_one_segment():
 
 def test_suspects_in_words():
     assert str(SuspectLabel("Circle left", None, 31.4)) == "'Circle left' lies 31 px off: no other label fits"
+    assert "lies more than 100000 px off" in str(SuspectLabel("Circle left", None, 3e13))
 
 
 def test_trusted_labels_are_not_doubted():
