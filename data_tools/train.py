@@ -13,6 +13,10 @@ Networks of other fields learn from synthetic frames alone:
     python -m data_tools.train OUT --field basketball-fiba --cache FRAMES
     fieldcalib run GAME.mp4 --field basketball-fiba --model OUT/model.onnx --out CAMERAS
 
+A network for upright and square pictures, with an input narrower than 4:3, learns from such parts of the frames:
+
+    python -m data_tools.train OUT --start-from package --cache FRAMES --labelled KEYPOINTS/train --size 192x256
+
 OUT receives model.onnx with model.json (`data_tools.onnx_model`), checkpoint.pt, from which training resumes, and
 log.jsonl: every ten minutes, and at the end, the loss and the intersection over union on held-out synthetic frames.
 """
@@ -53,7 +57,7 @@ from data_tools.onnx_model import read_network, write_model
 from data_tools.synthetic import CLASSES, Mask, frame
 from data_tools.synthetic.cache import check_cached_classes
 from data_tools.synthetic.games import game_named
-from data_tools.training_data import Batches, normalised, stacked, whole
+from data_tools.training_data import Batches, normalised, part, stacked, whole
 from fieldcalib._types import Array
 from fieldcalib.console.arguments import SOCCER, add_named_field, image_size
 from fieldcalib.io.files import write_bytes
@@ -337,6 +341,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     labelled = [one for one in labelled_frames(options.labelled) if one.clip not in clips] if options.labelled else []
     cached = sorted(options.cache.glob("*.jpg")) if options.cache else []
     batches = Batches(options.seed, options.batch, options.size, cached, labelled, options.field)
+    if batches.are_narrow:
+        rng = np.random.default_rng(options.seed)
+        validation = {name: [part(*one, rng) for one in samples] for name, samples in validation.items()}
     report = Report(options.out, options.size, classes, validation, options.half)
     train(training, batches, report, options.steps, options.minutes, options.workers)
     return 0

@@ -27,8 +27,8 @@ from data_tools.synthetic.masks import CLASSES, markings_mask
 from fieldcalib._types import Array
 from fieldcalib.console.arguments import SOCCER
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.image_files import Image
-from fieldcalib.localize.network import Padded, continued
+from fieldcalib.io.image_files import Image, size_of
+from fieldcalib.localize.network import SHAPE, Padded, continued
 
 LABELLED_SHARE = 1.0 / 3.0
 OVERSAMPLING = 4  # of masks against the grid of the classes
@@ -39,6 +39,7 @@ NARROW_SHARE, NARROWEST = (
 )  # share of square and upright windows, which are squashed, and least share of the width
 NARROWED_SHARE = 0.25  # share of pictures of which an upright or square part is continued, as the network is used
 NARROWED = (0.45, 1.25)  # width of these parts by their height
+LOWEST_PART = 0.7  # least height of a part by the frame's, for a network of narrow pictures
 SMALL_SHARE, SMALL = 0.12, (180, 300)  # share of pictures that were squashed to small squares, and the side of these
 GAIN, GAIN_OF_CHANNEL = 0.12, 0.04  # standard deviations of the logarithm
 
@@ -59,15 +60,20 @@ class Batches(Dataset[tuple[Tensor, Tensor]]):
     field: str = SOCCER
     """Name of the field, see `data_tools.synthetic.frame`."""
 
+    @property
+    def are_narrow(self) -> bool:
+        """Whether they are parts of frames, as shown to a network for narrow pictures: one with a narrow input."""
+        return self.size[0] < SHAPE * self.size[1]
+
     def __getitem__(self, step: int) -> tuple[Tensor, Tensor]:
         rng = np.random.default_rng((self.seed, step))
         return stacked([self._sample(rng) for _ in range(self.count)], self.size)
 
     def _sample(self, rng: np.random.Generator) -> tuple[Image, Mask]:
         if self.labelled and rng.random() < LABELLED_SHARE:
-            image, mask = window(
-                self.labelled[int(rng.integers(len(self.labelled)))], rng, game_named(self.field).classes
-            )
+            labelled = self.labelled[int(rng.integers(len(self.labelled)))]
+            share = 0.0 if self.are_narrow else NARROW_SHARE
+            image, mask = window(labelled, rng, game_named(self.field).classes, narrow_share=share)
             behind_goal = False
         elif self.cached:
             image, mask, behind_goal = read_frame(self.cached[int(rng.integers(len(self.cached)))])
@@ -77,7 +83,9 @@ class Batches(Dataset[tuple[Tensor, Tensor]]):
         if rng.random() < 0.5:
             image, mask = mirrored_sample(image, mask, behind_goal=behind_goal, name=self.field)
         chance = rng.random()
-        if chance < NARROWED_SHARE:
+        if self.are_narrow:
+            image, mask = part(image, mask, rng, lowest=LOWEST_PART)
+        elif chance < NARROWED_SHARE:
             image, mask = narrowed(image, mask, rng)
         elif chance < NARROWED_SHARE + SMALL_SHARE:
             image = once_small(image, rng)
@@ -101,13 +109,20 @@ def _mirrored_values(name: str, behind_goal: bool) -> Mask | None:
 
 def narrowed(image: Image, mask: Mask, rng: np.random.Generator) -> tuple[Image, Mask]:
     """A part of a picture, as high as it and upright or about square, continued on both sides as by `Padded`."""
-    height, whole_width = mask.shape
-    width = min(round(height * rng.uniform(*NARROWED)), whole_width)
-    x = int(rng.integers(whole_width - width + 1))
-    missing = Padded.missing((width, height))
+    image, mask = part(image, mask, rng)
+    missing = Padded.missing(size_of(image))
     left, right = missing // 2, missing - missing // 2
-    part = slice(x, x + width)
-    return continued(image[:, part], left, right), np.pad(mask[:, part], ((0, 0), (left, right)))
+    return continued(image, left, right), np.pad(mask, ((0, 0), (left, right)))
+
+
+def part(image: Image, mask: Mask, rng: np.random.Generator, *, lowest: float = 1.0) -> tuple[Image, Mask]:
+    """An upright or about square part of a picture, at least `lowest` of its height high."""
+    whole_height, whole_width = mask.shape
+    height = round(whole_height * rng.uniform(lowest, 1.0))
+    width = min(round(height * rng.uniform(*NARROWED)), whole_width)
+    x, y = int(rng.integers(whole_width - width + 1)), int(rng.integers(whole_height - height + 1))
+    chosen = slice(y, y + height), slice(x, x + width)
+    return np.ascontiguousarray(image[chosen]), np.ascontiguousarray(mask[chosen])
 
 
 def once_small(image: Image, rng: np.random.Generator) -> Image:
@@ -117,10 +132,16 @@ def once_small(image: Image, rng: np.random.Generator) -> Image:
     return np.asarray(cv2.resize(small, image.shape[1::-1], interpolation=cv2.INTER_CUBIC), np.uint8)
 
 
-def window(labelled: LabelledFrame, rng: np.random.Generator, classes: Sequence[str] = CLASSES) -> tuple[Image, Mask]:
-    """A random window of a real frame, wide or upright, with the blur, noise and compression of synthetic frames."""
+def window(
+    labelled: LabelledFrame,
+    rng: np.random.Generator,
+    classes: Sequence[str] = CLASSES,
+    *,
+    narrow_share: float = NARROW_SHARE,
+) -> tuple[Image, Mask]:
+    """A random window of a real frame, wide or upright and squashed, degraded as synthetic frames are."""
     share = np.full(2, rng.uniform(SMALLEST_WINDOW, 1.0))
-    if rng.random() < NARROW_SHARE:
+    if rng.random() < narrow_share:
         share[0] = rng.uniform(NARROWEST, share[1])
     return cut(labelled, share, rng.uniform(0.0, 1.0 - share), rng, classes)
 
