@@ -1,7 +1,8 @@
 """A segmentation network as two files: MODEL.onnx, and beside it MODEL.json, the description of its input and output.
 
 The input "image" is (N, 3, height, width), float32, ``(pixels / 255 - mean) / std`` in the order of `channels`; the
-output "logits" is (N, classes, h, w), where h and w may be a fraction of the input's. N is free.
+output "logits" is (N, classes, h, w), where h and w may be a fraction of the input's. N is free, and so are width and
+height if upright pictures have a size of their own.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from torch import Tensor, nn
 from data_tools.network import MarkingsNet
 from fieldcalib.io.files import write_bytes, write_text
 from fieldcalib.localize import BACKGROUND
-from fieldcalib.localize.network import NetworkDescription
+from fieldcalib.localize.network import UPRIGHT, NetworkDescription
 
 CHANNELS = "RGB"
 MEAN = (0.485, 0.456, 0.406)  # of ImageNet, as is usual
@@ -110,7 +111,13 @@ def _measure(norm: Any, x: Tensor) -> None:
     norm.running_var.copy_(variance)
 
 
-def write_model(network: nn.Module, path: Path, classes: Sequence[str], size: tuple[int, int]) -> None:
+def write_model(
+    network: nn.Module,
+    path: Path,
+    classes: Sequence[str],
+    size: tuple[int, int],
+    upright_size: tuple[int, int] | None = None,
+) -> None:
     """Write ``path`` (.onnx) and the .json file beside it, each atomically.
 
     Parameters
@@ -122,9 +129,12 @@ def write_model(network: nn.Module, path: Path, classes: Sequence[str], size: tu
         Names of the classes from 1 on; class 0 is the background.
     size : (int, int)
         Width and height of the input in pixels.
+    upright_size : (int, int), optional
+        The same for pictures that are higher than wide, if the network maps images of any size.
     """
     width, height = size
-    axes = {name: {0: "batch"} for name in ("image", "logits")}
+    free = {0: "batch"} if upright_size is None else {0: "batch", 2: "height", 3: "width"}
+    axes = {"image": free, "logits": {axis: f"{name} of logits" if axis else name for axis, name in free.items()}}
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         # PyTorch's newer exporter needs another package, onnxscript.
         warnings.simplefilter("ignore", DeprecationWarning)
@@ -139,5 +149,6 @@ def write_model(network: nn.Module, path: Path, classes: Sequence[str], size: tu
             dynamo=False,
         )
         write_bytes(path, (Path(folder) / path.name).read_bytes())
-    about = {"classes": [BACKGROUND, *classes], "input_size": size, "mean": MEAN, "std": STD, "channels": CHANNELS}
+    sizes = {"input_size": size} if upright_size is None else {"input_size": size, UPRIGHT: upright_size}
+    about = {"classes": [BACKGROUND, *classes], **sizes, "mean": MEAN, "std": STD, "channels": CHANNELS}
     write_text(path.with_suffix(".json"), json.dumps(about, indent=1) + "\n")

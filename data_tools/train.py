@@ -62,7 +62,7 @@ from fieldcalib._types import Array
 from fieldcalib.console.arguments import SOCCER, add_named_field, image_size
 from fieldcalib.io.files import write_bytes
 from fieldcalib.io.image_files import Image
-from fieldcalib.localize.network import SHIPPED
+from fieldcalib.localize.network import SHAPE, SHIPPED
 
 LEARNING_RATE, WARM_UP, WEIGHT_DECAY = 2e-3, 200, 1e-2
 FINE_TUNING_RATE = 3e-4  # of a network that was trained before: larger ones forget it
@@ -72,6 +72,8 @@ AVERAGED = 0.999  # decay of the exported moving average of the weights: over ab
 BACKGROUND_WEIGHT = 0.1  # 96 % of the pixels are background
 BACKGROUND_SAMPLED = 0.25  # random share of background pixels in the loss: saves time
 REPORT_MINUTES = 10.0
+MULTIPLE = 32  # of which width and height of the input are multiples
+TURNED = 0.7, 1.5  # width and height of the input for upright pictures, by the others: fieldcalib/models/README.md
 VALIDATION_SEEDS = range(1_000_000_000, 1_000_000_100)
 # Of a training's state, with the types of their numbers in half precision: mean squares of gradients are tiny
 PARTS = {"network": torch.float16, "averaged": torch.float16, "optimizer": torch.bfloat16}
@@ -201,6 +203,18 @@ def intersection_over_union(
     return np.where(confusion.sum(axis=1) > 0.0, both / np.maximum(either, 1.0), np.nan)[1:]
 
 
+def upright_size(size: tuple[int, int]) -> tuple[int, int] | None:
+    """Input of about as many pixels for pictures that are higher than wide; None if that is the shape of the given one.
+
+    Examples
+    --------
+    >>> upright_size((320, 192)), upright_size((224, 288))
+    ((224, 288), None)
+    """
+    width, height = (MULTIPLE * round(factor * side / MULTIPLE) for factor, side in zip(TURNED, size, strict=True))
+    return (width, height) if size[0] >= SHAPE * size[1] else None
+
+
 @dataclass(frozen=True)
 class Report:
     """Measures a network and saves it."""
@@ -222,7 +236,7 @@ class Report:
             row[f"iou_{name}"] = round(float(np.nanmean(values)), 4)
             shown = {label: round(float(v), 3) for label, v in zip(self.classes, values, strict=True) if np.isfinite(v)}
             row[f"iou_{name}_classes"] = shown
-        write_model(network.cpu().eval(), self.out / "model.onnx", self.classes, self.size)
+        write_model(network.cpu().eval(), self.out / "model.onnx", self.classes, self.size, upright_size(self.size))
         network.to(training.device)
         with (self.out / "log.jsonl").open("a") as log:
             print(json.dumps(row), file=log)

@@ -5,12 +5,12 @@ the order given by its JSON file (`fieldcalib.localize.network`), values in 0..1
 by `std`. Its first output is (N, K, h, w): logits of the K classes on a grid of equal cells that covers the image.
 
 A network takes pictures of any shape, squashed or stretched to its input. A 9:16 window of a broadcast, stretched to
-three times its width, shows markings at angles that no broadcast has. So `Padded` continues such a picture on both
-sides.
+three times its width, shows markings at angles that no broadcast has. So upright pictures have an input size of their
+own if the network takes two, and `Padded` continues narrow pictures on both sides.
 
 The JSON file beside a network in ONNX: what input the network expects and what its outputs mean.
 
-{"classes": ["background", "Side line top", ...], "input_size": [width, height],
+{"classes": ["background", "Side line top", ...], "input_size": [width, height], "upright_input_size": [width, height],
  "mean": [0.485, 0.456, 0.406], "std": [0.229, 0.224, 0.225], "channels": "RGB"}
 """
 
@@ -25,6 +25,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from importlib.resources import as_file, files
+from itertools import chain, groupby
 from pathlib import Path
 from typing import Any, Protocol, Self, TypeAlias
 
@@ -41,6 +42,7 @@ from fieldcalib.processes.jobs import in_order
 
 CPU = "CPUExecutionProvider"
 SHIPPED = files("fieldcalib") / "models" / "soccer.onnx"
+UPRIGHT = "upright_input_size"  # key of the JSON file
 HALVED = 4  # times the network's input: larger images are halved first, which changes grey values by 0.2 in the mean
 # Of 35 frames of a 9:16 window, stretched 1 has an accepted camera, continued to 4:5, 1:1, 4:3 and 16:9 it is 6 to 10.
 SHAPE = 4.0 / 3.0  # width by height, to which narrower pictures are continued
@@ -60,6 +62,8 @@ class NetworkDescription:
     std: tuple[float, ...]
     channels: str
     """"RGB" or "BGR"."""
+    upright_size: tuple[int, int] | None = None
+    """Width and height of the input for pictures that are higher than wide, if it is another one."""
 
     @classmethod
     def parse(cls, content: bytes | str) -> NetworkDescription:
@@ -80,14 +84,15 @@ class NetworkDescription:
         record = parse_json_object(content, "a network's classes, input_size, mean, std and channels")
         try:
             channels = record["channels"]
-            classes, size, mean, std = _classes(record), _size(record), _three(record, "mean"), _three(record, "std")
+            classes, mean, std = _classes(record), _three(record, "mean"), _three(record, "std")
+            size, upright = _size(record, "input_size"), _size(record, UPRIGHT) if UPRIGHT in record else None
         except KeyError as error:
             raise BrokenFileError(f"lacks the key {error}") from None
         if channels not in ("RGB", "BGR"):
             raise BrokenFileError(f'channels: expected "RGB" or "BGR", got {channels!r}')
         if min(std) <= 0.0:
             raise BrokenFileError(f"std: expected positive numbers, got {record['std']!r}")
-        return cls(classes, size, mean, std, channels)
+        return cls(classes, size, mean, std, channels, upright)
 
 
 def _classes(record: Mapping[str, Any]) -> tuple[str, ...]:
@@ -101,12 +106,12 @@ def _classes(record: Mapping[str, Any]) -> tuple[str, ...]:
     return classes
 
 
-def _size(record: Mapping[str, Any]) -> tuple[int, int]:
-    size = record["input_size"]
+def _size(record: Mapping[str, Any], key: str) -> tuple[int, int]:
+    size = record[key]
     try:
         return checked_image_size(size)
     except ValueError:
-        raise BrokenFileError(f"input_size: expected [width, height] in whole pixels, got {size!r}") from None
+        raise BrokenFileError(f"{key}: expected [width, height] in whole pixels, got {size!r}") from None
 
 
 def _three(record: Mapping[str, Any], key: str) -> tuple[float, ...]:
@@ -187,7 +192,8 @@ class SegmentationNetwork:
                 description = NetworkDescription.parse(json)
             digest = hashlib.sha256(path.read_bytes() + json).hexdigest()
             session = _session(path, provider, threads)
-            _check_input(session, path, description.input_size)
+            for size in (description.input_size, description.upright_size or description.input_size):
+                _check_input(session, path, size)
         source = NetworkSource(None if model is None else Path(model).absolute(), provider, threads, digest)
         return cls(description, session, source)
 
@@ -216,12 +222,15 @@ class SegmentationNetwork:
     def __call__(self, images: Sequence[Image]) -> Float32:
         """Class probabilities of N images, of any sizes: (N, K, h, w), summing to 1 over the K classes.
 
+        If all are upright, the input has the size for such pictures, and the grid has its shape.
+
         Raises
         ------
         ValueError
             If an image is not such an array, or the network fails or does not return one map per class.
         """
-        batch = self._prepared(images)
+        images = list(map(checked_image, images))
+        batch = self._prepared(images, all(map(is_upright, images)))
         (node,) = self.session.get_inputs()
         step = node.shape[0] if isinstance(node.shape[0], int) else len(batch)
         try:
@@ -230,16 +239,16 @@ class SegmentationNetwork:
             raise ValueError(f"the network fails on input of shape {batch.shape}: {error}") from error
         return softmax(self._checked(logits[0] if len(logits) == 1 else np.concatenate(logits)))
 
-    def _prepared(self, images: Sequence[Image]) -> Float32:
+    def _prepared(self, images: Sequence[Image], are_upright: bool) -> Float32:
         """The network's input, (N, 3, height, width)."""
         import cv2
 
-        width, height = self.description.input_size
+        width, height = (are_upright and self.description.upright_size) or self.description.input_size
         order = slice(None, None, -1) if self.description.channels == "RGB" else slice(None)
         batch = np.empty((len(images), 3, height, width), np.float32)
         mean, std = (np.array(v, np.float32) for v in (self.description.mean, self.description.std))
         scale, offset = np.float32(1.0) / (np.float32(255.0) * std), mean / std
-        for planes, image in zip(batch, map(checked_image, images), strict=True):
+        for planes, image in zip(batch, images, strict=True):
             channels = cv2.split(resized(image, (width, height)))[order]
             for c, channel in enumerate(channels):
                 np.multiply(channel, scale[c], out=planes[c])
@@ -392,6 +401,11 @@ class Padded:
         return np.asarray((1.0 - share) * found[..., below] + share * found[..., below + 1], dtype=np.float32)
 
 
+def is_upright(image: Image) -> bool:
+    """Whether a picture is higher than wide."""
+    return bool(image.shape[0] > image.shape[1])
+
+
 def continued(image: Image, left: int, right: int) -> Image:
     """A picture with columns added at both sides."""
     sides = (np.mean(image[:, part], axis=1, keepdims=True).round() for part in (slice(None, EDGE), slice(-EDGE, None)))
@@ -408,6 +422,13 @@ class Network(Protocol):
 
     def __call__(self, images: Sequence[Image]) -> Float32:
         """Probabilities (N, K, h, w) of the K classes, on a grid that covers each of N images."""
+
+
+def as_frames(network: Network | None) -> Network | None:
+    """A network that looks at upright pictures as at frames, at the same input size."""
+    if not isinstance(network, SegmentationNetwork):
+        return network
+    return replace(network, description=replace(network.description, upright_size=None))
 
 
 def check_network(network: object) -> None:
@@ -431,7 +452,8 @@ def localize(
     object_segments : mapping of str to segment
         The calibration object that the network was trained for, e.g. `soccer()`.
     images : iterable of (height, width, 3) uint8 arrays
-        Blue, green, red; of any sizes. The network gets `IMAGES_AT_ONCE` of them in one call.
+        Blue, green, red; of any sizes. The network gets up to `IMAGES_AT_ONCE` of them in one call, either all or none
+        of them upright.
     network : Network
         A `SegmentationNetwork`, or any other source of class probabilities.
     select : callable
@@ -474,7 +496,8 @@ def _localized(
     object_segments: ObjectSegments, images: Sequence[Image], *, network: Network, select: PointSelection
 ) -> list[Localization]:
     """Labelled pixels of the images that the network gets in one call."""
+    probabilities = chain.from_iterable(network(list(alike)) for _, alike in groupby(images, is_upright))
     return [
         select(probability, network.classes, object_segments, size_of(image))
-        for image, probability in zip(images, network(images), strict=True)
+        for image, probability in zip(images, probabilities, strict=True)
     ]

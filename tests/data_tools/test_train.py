@@ -32,12 +32,14 @@ from data_tools.train import (
     main,
 )
 from data_tools.training_data import (
+    LOWEST_PART,
     NARROWED,
     Batches,
     mirrored_sample,
     narrowed,
     normalised,
     once_small,
+    part,
     stacked,
     whole,
     window,
@@ -273,6 +275,35 @@ def test_a_narrow_part_is_continued_as_the_network_sees_it():
         assert np.array_equal(picture[..., 1], rows[:, :128])  # what is continued stays in its row
         seen.append(len(part) / 96)
     assert NARROWED[0] - 0.02 < min(seen) < 0.7 < 1.0 < max(seen) < NARROWED[1] + 0.02
+
+
+def test_a_part_is_upright_or_about_square_and_its_classes_are_cut_with_it():
+    rows, columns = np.mgrid[:96, :200]
+    image, mask = np.stack([columns, rows, columns], axis=-1).astype(np.uint8), columns.astype(np.uint8)
+    corners, shapes = [], []
+    for seed in range(40):
+        picture, classes = part(image, mask, np.random.default_rng(seed), lowest=LOWEST_PART)
+        (height, width), (y, x) = classes.shape, picture[0, 0, 1::-1]
+        assert np.array_equal(picture, image[y : y + height, x : x + width])
+        assert np.array_equal(classes, mask[y : y + height, x : x + width])
+        assert LOWEST_PART * 96 - 1 < height <= 96
+        corners.append((x, y))
+        shapes.append(width / height)
+    assert NARROWED[0] - 0.02 < min(shapes) < 0.6 < 1.1 < max(shapes) < NARROWED[1] + 0.02
+    assert np.all(np.ptp(corners, axis=0) > (100, 15))
+    picture, _ = part(image, mask, np.random.default_rng(0))
+    assert len(picture) == 96
+
+
+@pytest.mark.parametrize(("size", "is_part"), [((96, 128), True), ((128, 96), False)], ids=["narrow", "4:3"])
+def test_a_network_with_a_narrow_input_is_shown_parts_of_frames(size, is_part, tmp_path):
+    write_cache(tmp_path, range(1), processes=1)
+    batches = Batches(0, 2, size, sorted(tmp_path.glob("*.jpg")))
+    assert batches.are_narrow == is_part
+    assert batches[0][0].shape == (2, 3, *size[::-1])
+    shapes = [mask.shape for _, mask in (batches._sample(np.random.default_rng(seed)) for seed in range(8))]
+    are_narrow = [width < (NARROWED[1] + 0.02) * height for height, width in shapes]
+    assert all(are_narrow) if is_part else not any(are_narrow)
 
 
 def test_a_thumbnail_is_coarser_and_in_its_place():

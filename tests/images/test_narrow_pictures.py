@@ -13,7 +13,7 @@ from fieldcalib.assess.advice import Advice
 from fieldcalib.assess.findings import NARROW, Status, Verdict, What
 from fieldcalib.assess.result import with_findings
 from fieldcalib.images import from_images
-from fieldcalib.images.from_images import How, calibrate_pictures, with_narrow_padded
+from fieldcalib.images.from_images import How, calibrate_alone, calibrate_pictures, with_narrow_padded
 from fieldcalib.images.shape import shape_of_picture
 from fieldcalib.images.shape.shape_of_picture import SURE_OF_PART, of_part_of_frames, within_frame
 from fieldcalib.metrics.cameras import camera_difference
@@ -112,6 +112,17 @@ def test_a_narrow_part_that_is_looked_at_padded_is_to_be_checked_unless_it_is_su
     assert found.has_finding(What.NARROW)
     assert "lie on their paint" in found.reason
     assert not replace(found, declared=Declared.FRAME).has_finding(What.SHAPE)
+
+
+@pytest.mark.parametrize(
+    ("size", "labels", "is_doubted"), [((420, 560), 5, True), ((420, 560), 6, False), ((560, 560), 5, False)]
+)
+def test_a_good_camera_of_an_upright_picture_needs_six_labels(size, labels, is_doubted, monkeypatch):
+    good = replace(GOOD, pixel_counts=dict.fromkeys(list(FIELD)[:labels], 3))
+    monkeypatch.setattr(from_images, "_calibrated_size", lambda how, images, found: [good])
+    (found,) = calibrate_alone(How(Task(FIELD), KnownCameras([None])), [np.zeros((*size[::-1], 3), np.uint8)])
+    assert found.verdict is (Verdict.CHECK if is_doubted else Verdict.GOOD)
+    assert found.has_finding(What.NARROW) == is_doubted
 
 
 GOOD = calibrate_from_segments(FIELD, observe(FIELD.markings, PADDED, np.random.default_rng(0)), PADDED.image_size)

@@ -1,6 +1,7 @@
 """The network that comes with the package, on frames that it was not trained on."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from data_tools.synthetic import CLASSES, frame
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.localize import BACKGROUND, SegmentationNetwork
-from fieldcalib.localize.network import SHIPPED
+from fieldcalib.localize.network import SHIPPED, Padded
 
 CLEAR = (5005, 5025, 5035)  # seeds of synthetic frames with many markings in view
 MEGABYTE = 1 << 20
@@ -37,6 +38,22 @@ def test_synthetic_frames_get_their_cameras(network, seed):
     inside = np.all((seen >= 0.0) & (seen < (1280, 720)), axis=1)
     # about a pixel of the network's input, 4 px
     assert np.median(np.linalg.norm(found - seen, axis=1)[inside]) < 4.5
+
+
+def test_upright_parts_are_seen_better_at_their_own_size(network):
+    """As against padded, and against stretched, by the share of the markings' pixels that get their class."""
+    stretched = replace(network, description=replace(network.description, upright_size=None))
+    rng, right = np.random.default_rng(0), []
+    for seed in CLEAR:
+        made = frame(seed)
+        for x in rng.integers(512 - 180, size=3):
+            image, mask = (np.ascontiguousarray(one[:, x : x + 180]) for one in (made.image, made.mask))
+            found = [one([image])[0].argmax(axis=0) for one in (network, Padded(network), stretched)]
+            where = np.argwhere(mask > 0)
+            cells = [tuple((where * classes.shape // mask.shape).T) for classes in found]
+            right.append([np.mean(one[at] == mask[tuple(where.T)]) for one, at in zip(found, cells, strict=True)])
+    own_size, padded, as_stretched = np.mean(right, axis=0)
+    assert own_size > max(padded, as_stretched) + 0.03
 
 
 @pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, *range(2, 14)))])
