@@ -160,11 +160,13 @@ def score_above(least: float, uncertainty: Uncertainty, found: PrincipalPoint, p
 
     It is -inf where no errors of a part could raise it above `least`: they take long to compute.
     """
-    roll = float(uncertainty.theta[ROLL]), float(uncertainty.covariance[ROLL, ROLL])
+    field, angle, variance = uncertainty.field, uncertainty.theta[ROLL], uncertainty.covariance[ROLL, ROLL]
+    is_in_hand = field is not None and field.probability is not None and field.probability.least_in_picture is not None
+    roll = (0.0, 0.0) if is_in_hand else (float(angle), float(variance))  # pictures that people take are not level
     score = partial(score_of_part, probability, found.log_ratio_of_part, roll)
     if not score(np.inf) > least:
         return -np.inf
-    error = largest_error_of_part(uncertainty) / tolerance_of(uncertainty.field)
+    error = largest_error_of_part(uncertainty) / tolerance_of(field)
     return score(float(np.nan_to_num(error, nan=1.0)))  # that of the tolerance, if no field is in view
 
 

@@ -33,7 +33,7 @@ from fieldcalib.fields.ground import Terrain
 from fieldcalib.fields.traits import ProbabilityModel
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.layout import Layout
-from fieldcalib.problem.picture_shape import LEAST_ASPECT, is_whole_shape
+from fieldcalib.problem.picture_shape import LEAST_ASPECT, has_square_pixels, is_whole_shape
 from fieldcalib.problem.projection import Projection
 
 UNUSUAL = 2.8  # z-score under the prior: 1 in 200 if it is normal; 8 of 728 annotated frames have one above 2.5
@@ -105,11 +105,9 @@ def surprises(uncertainty: Uncertainty) -> tuple[Finding, ...]:
         for name in names[(np.abs(z) > UNUSUAL) & ~(determined & np.isin(names, EVIDENT))]:
             if name in NAMES:
                 found[Finding(What.UNUSUAL, NAMES[name])] = None
-    whole = is_whole_shape(problem.layout.image_size)
-    for name, least, what in (
-        ("log aspect", LEAST_SQUASH if whole else LEAST_ASPECT, What.NOT_SQUARE),
-        ("b2", LEAST_LENS, What.MORE_LENS),
-    ):
+    size, aspect = problem.layout.image_size, uncertainty.offsets.get("log aspect", (0.0, 1.0))
+    squash = LEAST_SQUASH if is_whole_shape(size) or has_square_pixels(size, aspect) else LEAST_ASPECT
+    for name, least, what in ("log aspect", squash, What.NOT_SQUARE), ("b2", LEAST_LENS, What.MORE_LENS):
         offset, sigma = uncertainty.offsets.get(name, (0.0, 1.0))
         if abs(offset) > max(least, CONTRADICTED * sigma):
             found[Finding(what)] = None

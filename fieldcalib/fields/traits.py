@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fieldcalib._types import Array, is_number
+from fieldcalib._types import Array, is_number, truth
 
 WHITE = "#f4f8f2"  # of paint in daylight
 SURFACES = ("grass", "turf", "ice", "wood", "floor", "hard court", "clay", "sand")
@@ -81,12 +81,13 @@ class Paint:
     Raises
     ------
     ValueError
-        If a number is negative or not finite, a dash has no length, or the colour is not of the form "#rrggbb".
+        If a number is negative or not finite, a dash has no length, the colour is not of the form "#rrggbb", or
+        `is_optional` is neither true nor false.
 
     Examples
     --------
     >>> Paint(width=0.3, colour="#0033a0")  # a blue line of 30 cm
-    Paint(width=0.3, colour='#0033a0', dashes=None, outwards=0.0)
+    Paint(width=0.3, colour='#0033a0', dashes=None, outwards=0.0, is_optional=False)
     >>> Paint(colour="blue")
     Traceback (most recent call last):
         ...
@@ -102,6 +103,8 @@ class Paint:
     outwards: float = 0.0
     """Distance of the middle of the paint from the segment, away from the centre mark, metres; of arcs, away from their
     own centre."""
+    is_optional: bool = False
+    """Whether some fields of the kind lack it: where it is not seen, that is no evidence against a camera."""
 
     @property
     def is_along(self) -> bool:
@@ -120,6 +123,7 @@ class Paint:
         return 1.0 if self.dashes is None else self.dashes[0] / sum(self.dashes)
 
     def __post_init__(self) -> None:
+        truth(self.is_optional, "is_optional")
         if self.dashes is not None:
             object.__setattr__(self, "dashes", tuple(map(float, self.dashes)))
         numbers = (self.width or 0.0, *(self.dashes or ()))

@@ -16,8 +16,15 @@ from data_tools.simulated import observe as demo_labels
 from data_tools.simulated import pan_over_field
 from data_tools.undeclared import basketball_cameras, calibrated, changed, changed_image, counts, part_of
 from fieldcalib import calibrate_from_segments, soccer
-from fieldcalib.assess.camera_errors import _freed, largest_error_of_part, principal_point_of, score_above, seems_part
+from fieldcalib.assess.camera_errors import (
+    _freed,
+    largest_error_of_part,
+    principal_point_of,
+    score_above,
+    seems_part,
+)
 from fieldcalib.assess.findings import CUT, SHAPE, Verdict, What
+from fieldcalib.assess.probability import surprises
 from fieldcalib.assess.result import Calibration, in_picture
 from fieldcalib.fields.catalogue import field_named
 from fieldcalib.fields.segments import Line
@@ -100,6 +107,18 @@ def test_what_depends_on_the_principal_point_is_doubted_sooner():
         assert score_above(largest, uncertainty, point, probability) == -np.inf
 
 
+def test_a_roll_speaks_for_a_part_where_heads_are_level():
+    """Broadcasts of soccer have tripods; of tennis people's pictures had a part in the fit of the probability."""
+    court = field_named("tennis")
+    in_the_hand = Camera.from_angles(0.5, 1.25, np.radians(1.5), 900.0, (-3.0, 17.0, -4.0), SIZE)
+    labels = observe(court, in_the_hand, np.random.default_rng(0), 0.5)
+    uncertainty = calibrate_from_segments(court, labels, SIZE).uncertainty
+    on_tripods = replace(court, probability=replace(court.probability, least_in_picture=None))
+    point = principal_point_of(uncertainty)
+    hand, tripod = (score_above(-99.0, uncertainty.on(one), point, 0.9) for one in (court, on_tripods))
+    assert tripod > hand + 2.0
+
+
 def test_labels_of_a_whole_frame_speak_against_a_part():
     evidence = principal_point_of(calibrate_from_segments(FIELD, frame_of(), SIZE).uncertainty)
     assert evidence.log_ratio_of_part < -1.0
@@ -132,6 +151,18 @@ def test_a_part_must_be_surer_of_its_camera_than_a_whole_frame():
     assert seems_part(square, 0.8) == (SHAPE,)
     assert seems_part(square, 0.95) == seems_part(square, 0.8, sure=0.75) == ()
     assert seems_part(squashed, 0.95) == (SHAPE,)
+
+
+@pytest.mark.parametrize("size", [(960, 540), (960, 640), (720, 540)])
+def test_pixels_are_as_square_in_pictures_of_all_shapes(size):
+    """What is no squash of a known shape is an error of the lines, unless it is large."""
+    uncertainty = calibrate_from_segments(FIELD, frame_of(OVERVIEW), size).uncertainty
+    squash = np.log(16.0 / 9.0 * size[1] / size[0])
+    asked = [
+        What.NOT_SQUARE in {one.what for one in surprises(replace(uncertainty, offsets={"log aspect": (off, 0.009)}))}
+        for off in (-0.06, 0.06, -0.12, squash or 0.12)
+    ]
+    assert asked == [False, False, True, True]
 
 
 def test_a_corner_whose_labels_tell_the_principal_point_is_no_good_whole_frame():

@@ -70,6 +70,8 @@ class Markings:
     """Whether each segment is an arc, (len(labels),)."""
     painted: Array
     """Share of each segment that is painted, less than 1 for dashes, (len(labels),)."""
+    is_optional: BoolArray
+    """Whether some fields of the kind lack each segment, (len(labels),)."""
     look: LineLook
     """Appearance of the lines."""
 
@@ -111,8 +113,9 @@ class Markings:
         free = KDTree(self.X).query(X)[0] > PAST_END_FROM - PAST_END_STEP
         at, member, X, along = at[free], (self.member[at] + count * is_last)[free], X[free], along[free]
         on_ground, width, inwards = self.on_ground[at], self.width[at], np.zeros_like(X)
-        is_arc, painted = np.tile(self.is_arc, 2), np.tile(self.painted, 2)
-        return Markings(2 * self.labels, member, X, along, on_ground, width, inwards, is_arc, painted, self.look)
+        is_arc, painted, optional = np.tile(self.is_arc, 2), np.tile(self.painted, 2), np.tile(self.is_optional, 2)
+        found = 2 * self.labels, member, X, along, on_ground, width, inwards, is_arc, painted, optional
+        return Markings(*found, self.look)
 
     @classmethod
     def of(cls, object_segments: ObjectSegments) -> Markings:
@@ -157,6 +160,7 @@ class Markings:
             inwards,
             np.array([segment.is_arc for segment in markings.values()], dtype=bool),
             np.array([paint[label].painted for label in markings], dtype=float),
+            np.array([paint[label].is_optional for label in markings], dtype=bool),
             look,
         )
 

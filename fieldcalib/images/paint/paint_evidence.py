@@ -201,7 +201,7 @@ def evidence_of(ridges: Ridges, markings: Markings, motion: ArrayLike = (0.0, 0.
             elif not is_bent:
                 beside[at] = run
         length = float(np.sum(profiles.spacing[at]))
-        expected = _is_expected(profiles, is_on, k, by_one=bool(markings.net))
+        expected = not markings.is_optional[k] and _is_expected(profiles, is_on, k, by_one=bool(markings.net))
         found.append(MarkingInView(markings.labels[k], length, len(at), on / len(at), off, expected, is_bent))
     return PaintEvidence(tuple(found), pixels_of_lines(markings, profiles, beside))
 

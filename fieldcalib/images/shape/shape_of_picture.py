@@ -157,9 +157,8 @@ def _log_ratio(own: Calibration, *tasks: tuple[Task, tuple[int, int]]) -> float:
 
 def with_enlarged_parts(calibrate: Method, images: Sequence[Image], *, task: Task) -> list[Calibration]:
     """Calibrate pictures; if one may be a part of a frame, its principal point is freed or a doubt added."""
-    markings = Markings.of(task.object_segments)
     return [
-        _as_enlarged(task, markings, image, one) if may_be_enlarged(image, one) else one
+        _as_enlarged(task, image, one) if may_be_enlarged(image, one) else one
         for image, one in zip(images, calibrate(images), strict=True)
     ]
 
@@ -169,22 +168,20 @@ def may_be_enlarged(image: Image, calibration: Calibration) -> bool:
     if calibration.has_finding(What.PART):
         return True
     camera, solved = calibration.camera, calibration.solved
-    if camera is None or solved is None or calibration.verdict is not Verdict.GOOD:
+    if camera is None or solved is None or calibration.verdict is not Verdict.GOOD or not calibration.has_probability:
         return False
-    if not (calibration.has_probability and is_whole_shape(camera.image_size)):
-        return False
-    uncertainty = solved.on(calibration.field)
-    found = principal_point_of(uncertainty)
-    if found is None or uncertainty.layout.image_size != camera.image_size:
+    uncertainty, size = solved.on(calibration.field), camera.image_size
+    found = principal_point_of(uncertainty) if is_whole_shape(size) else None
+    if found is None or uncertainty.layout.image_size != size:
         return False
     least = LEAST_SCORE - SCORE_OF_SOFTNESS * LARGEST_SOFTNESS
     score = score_above(least, uncertainty, found, calibration.probability(size_known=True))
     return score > least and score + SCORE_OF_SOFTNESS * softness(image) > LEAST_SCORE
 
 
-def _as_enlarged(task: Task, markings: Markings, image: Image, calibration: Calibration) -> Calibration:
+def _as_enlarged(task: Task, image: Image, calibration: Calibration) -> Calibration:
     """Take the camera with a free principal point if it is sure, else add a doubt to the calibration."""
-    freed = _freed(task, markings, image, calibration)
+    freed = _freed(task, image, calibration)
     if freed is not None and freed.verdict is Verdict.GOOD and freed.probability() >= SURE_ANYWHERE:
         x, y = freed.required_camera.principal_point
         found = f"the picture may be a part of a frame: its principal point was found at ({x:.0f}, {y:.0f})"
@@ -192,16 +189,13 @@ def _as_enlarged(task: Task, markings: Markings, image: Image, calibration: Cali
     return calibration if calibration.has_finding(What.PART) else with_findings(calibration, ENLARGED)
 
 
-def _freed(task: Task, markings: Markings, image: Image, calibration: Calibration) -> Calibration | None:
+def _freed(task: Task, image: Image, calibration: Calibration) -> Calibration | None:
     """Refine a calibration with a principal point that may lie anywhere; None if that gives no camera."""
-    camera, solved = calibration.required_camera, calibration.solved
-    assert solved is not None
-    if calibration.field is not None and calibration.field is not task.field:  # of another size
-        task = replace(task, object_segments=calibration.field)
-        markings = Markings.of(calibration.field)
-    task = replace(task, prior=window_prior(task.prior, task.object_segments, camera.image_size))
-    given = ToRefine(image, calibration, solved.pixels, are_detected=True)
-    (refined,) = refine_all(task, markings, [given], quick=True)
+    assert calibration.solved is not None
+    segments = calibration.field or task.object_segments  # the field may be of another size
+    task = replace(task, object_segments=segments, prior=window_prior(task.prior, segments, size_of(image)))
+    given = ToRefine(image, calibration, calibration.solved.pixels, are_detected=True)
+    (refined,) = refine_all(task, Markings.of(segments), [given], quick=True)
     return None if refined.calibration is calibration else refined.judged
 
 
@@ -373,8 +367,6 @@ def _judged(image: Image, calibration: Calibration) -> Calibration:
 
 def _asked(calibration: Calibration) -> Calibration:
     """Add the question whether it is soccer to a rejected calibration with hardly any detected lines."""
-    if calibration.status not in DOUBTED and not calibration.has_finding(What.FEW_LINES):
-        return calibration
-    if calibration.accepted:
+    if calibration.accepted or not (calibration.status in DOUBTED or calibration.has_finding(What.FEW_LINES)):
         return calibration
     return with_findings(replace(calibration, message=f"{calibration.message}; {ASK_SPORT}"), ASK_SPORT)

@@ -305,6 +305,19 @@ def test_paint_is_expected_if_one_other_line_shows_as_narrow_paint():
     assert not set(missing) & set(few)
 
 
+def test_what_some_courts_lack_is_no_evidence_where_it_is_not_seen():
+    """A floor of the NBA without the lines of the college lane; missing lines of the lane itself are evidence."""
+    field, high = field_named("basketball-nba"), camera(25, 55, 1500, (-12, 24, -16))
+
+    def unseen(lacking):
+        shown = {label: one for label, one in field.items() if not label.startswith(lacking)}
+        image = picture(high, Field(field.length, field.width, shown, lines=field.lines))
+        return {one.about for one in paint_findings(evidence(image, high, Markings.of(field)).markings)}
+
+    assert unseen("Inner") == set()
+    assert unseen("Lane") >= {"Lane left bottom", "Lane left top"}
+
+
 def test_lines_of_a_pitch_may_be_covered_although_one_other_shows():
     """A touchline lies under a carpet, and what is far shows little paint."""
     field, above = soccer(), camera(0, 66, 1000, (0, 55, -14))
