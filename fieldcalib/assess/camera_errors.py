@@ -374,10 +374,10 @@ class Solved:
     def __init__(self, evaluation: Evaluation, unit: Array, frame: int = 0) -> None:
         self.evaluation, self.unit, self.frame = evaluation, unit, frame
         # cached: the estimate on the last field that was asked for, the terms of the log odds there, and what the
-        # labels said of a part when they were last asked
+        # labels said of a part, and what is unusual, when they were last asked
         self._on: Uncertainty | None = None
         self._terms: tuple[Field, OddsTerms] | None = None
-        self._seems_part = lru_cache(maxsize=1)(seems_part)
+        self._seems_part, self._surprises = lru_cache(maxsize=1)(seems_part), lru_cache(maxsize=1)(surprises)
 
     @staticmethod
     def compute(several: Sequence[Solved], field: Field | None = None) -> None:
@@ -420,10 +420,6 @@ class Solved:
         alone = self.alone
         return uncertainties(alone.evaluation, alone.unit)[0]
 
-    @cached_property
-    def _unusual(self) -> tuple[Finding, ...]:
-        return surprises(self.uncertainty)
-
     def on(self, field: Field | None) -> Uncertainty:
         """The estimate of the frame with this field in view."""
         if self._on is None or self._on.field is not field:
@@ -446,10 +442,10 @@ class Solved:
     def doubts(self, picture: Picture | None) -> tuple[Finding, ...]:
         """Evidence of the labels against an ordinary camera and, if a picture is given, against a whole frame."""
         if picture is None:
-            return self._unusual
-        log_ratio = picture.log_ratio_of_part(self.uncertainty.camera, self.pixels)
+            return self._surprises(self.uncertainty)
+        seen, log_ratio = self.on(picture.field), picture.log_ratio_of_part(self.uncertainty.camera, self.pixels)
         asked = picture.probability, log_ratio, picture.declared, picture.sure
-        return (*self._seems_part(self.on(picture.field), *asked), *self._unusual)
+        return (*self._seems_part(seen, *asked), *self._surprises(seen))
 
     def to_record(self) -> dict[str, Any]:
         """The keys of `Calibration.to_dict` that hold it."""

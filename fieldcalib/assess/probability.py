@@ -45,7 +45,7 @@ CONTRADICTS_GIVEN = 3.0
 # is theirs to three quarters, and lie on their markings: their noise, in units of the usual one, is at most 1.4 on nine
 # of ten right pictures. Few pixels tell neither: with 50 degrees of freedom the noise is known to a tenth.
 DETERMINED, USUAL_NOISE, LEAST_DOF = 0.5, 1.4, 50.0
-K1_SUFFICES = 0.1  # of a1: in stronger lenses the k2 that k1 alone leaves open moves far ends of the field by metres
+MOST_MOVED = 0.5  # share of the field's tolerance: the rest is left to the errors of the camera itself
 LEAST_SQUASH = 0.08  # log aspect: other pictures that are shown as 16:9 come from 16:10 (0.105) or 4:3 (0.29)
 LEAST_LENS = 0.01  # relative displacement at the corner by k2
 LEAST_SIZE = 0.1  # probability of the given size of the field
@@ -86,7 +86,8 @@ class OddsTerms(NamedTuple):
 def surprises(uncertainty: Uncertainty) -> tuple[Finding, ...]:
     """Find what is unusual about an estimate; nothing for an ordinary camera.
 
-    A lens far out in its prior is no surprise where the labels determine it, and lie on their markings.
+    A lens far out in its prior is no surprise where the labels determine it, and lie on their markings; a strong one of
+    k1 alone only where k2 would move no place in view by more than half the field's tolerance.
 
     Examples
     --------
@@ -129,12 +130,21 @@ def _by_labels(uncertainty: Uncertainty) -> BoolArray:
     prior, problem = uncertainty.evaluation.prior, uncertainty.problem
     assert prior is not None
     deviation = np.sqrt(np.diagonal(uncertainty.covariance)[problem.free])
-    names, by_labels = problem.layout.names, deviation <= DETERMINED * prior.effective_sigma[0]
-    is_strong = "b2" in names and abs(uncertainty.theta[names.index("a1")]) > K1_SUFFICES
-    if is_strong and not problem.free[names.index("b2")]:
+    by_labels = deviation <= DETERMINED * prior.effective_sigma[0]
+    if "b2" in uncertainty.offsets and not _moves_little(uncertainty, "b2"):
         by_labels &= ~problem.layout.is_lens[problem.free]
     is_usual = uncertainty.sigma <= USUAL_NOISE * problem.noise and uncertainty.dof >= LEAST_DOF
     return np.asarray(by_labels & is_usual)
+
+
+def _moves_little(uncertainty: Uncertainty, name: str) -> bool:
+    """Whether freeing a parameter that is kept fixed moves no place in view by more than half the field's tolerance."""
+    field, off = uncertainty.field, np.hypot(*uncertainty.offsets[name])
+    if field is None:
+        return False
+    J, known = uncertainty.ground_jacobian(ground_in_view(uncertainty.camera, field))
+    moved = (J[known] - uncertainty.motion_of_markings) @ uncertainty.following[name]
+    return bool(off * np.max(np.linalg.norm(moved, axis=-1), initial=0.0) <= MOST_MOVED * field.tolerance)
 
 
 def _contradicted(uncertainty: Uncertainty) -> str | None:
@@ -144,8 +154,7 @@ def _contradicted(uncertainty: Uncertainty) -> str | None:
     the root of twice the fall of the cost, with the noise that is left after it (a t statistic): a wrong value makes
     the noise look larger than it is.
     """
-    dof = uncertainty.dof
-    scores = {}
+    dof, scores = uncertainty.dof, dict[str, float]()
     for name, (offset, sigma) in uncertainty.off_given.items():
         unit = uncertainty.layout.image_size[0] if name in ("cx", "cy") else 1.0
         least, wrong = (unit * value for value in WRONG_GIVEN[name])

@@ -94,6 +94,8 @@ class Uncertainty(Estimate):
     offsets: Mapping[str, tuple[float, float]]
     """Error, to first order, of "log aspect" and "b2" (the second radial coefficient) if they are kept fixed, and its
     standard deviation."""
+    following: Mapping[str, Array]
+    """Derivatives (n,) of the estimate by these parameters."""
     off_given: Mapping[str, tuple[float, float]]
     """Parameters that were given: by how much, to first order, the labels want to move one of them if it alone is
     freed, and the standard deviation of that. The size of the field is as uncertain as it is a priori."""
@@ -219,8 +221,7 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
     is_given = _is_given(evaluation)
     is_tested = np.any(is_given, axis=0) | (np.isin(layout.names, TESTED) & ~free)
     tested = [name for name, is_one in zip(layout.names, is_tested, strict=True) if is_one]
-    by_tested = evaluation.derivatives(is_tested)
-    by_kept = np.concatenate([evaluation.derivatives(layout.considered), by_tested], axis=1)
+    by_kept = np.concatenate([evaluation.derivatives(some) for some in (layout.considered, is_tested)], axis=1)
     rows = np.concatenate([directions.JT, by_kept], axis=1)
     noisy = variance[:, None, None] * noise.covariance(rows)
     noisy += noise.of_paint(rows, evaluation.irls_weight)
@@ -229,9 +230,9 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
     noisy[:, :P, :P] += has_prior * np.eye(P)
     kept = _Kept.of(evaluation, rows, gain, kappa, noisy)
 
-    by_true_value = np.zeros((len(problem), layout.size, sizes))
-    by_true_value[:, free] = -directions.theta @ kept.following[:, :, :sizes]  # errors: given minus true values
-    by_true_value[:, layout.considered] = -np.eye(sizes)
+    by_kept_value = np.zeros((len(problem), layout.size, by_kept.shape[1]))
+    by_kept_value[:, free] = directions.theta @ kept.following
+    by_kept_value[:, [*np.flatnonzero(layout.considered), *np.flatnonzero(is_tested)]] = np.eye(by_kept.shape[1])
     units, along = np.zeros_like(evaluation.theta), np.zeros((len(problem), layout.size, P))
     units[:, free], along[:, free] = scale, directions.theta
     usual = [(i, name) for i, name in enumerate(tested, sizes) if name in TESTED]
@@ -243,9 +244,10 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
         "unit": units,
         "determined": _whole(directions.theta * gain[:, None], noisy[:, :P, :P], free),
         "open": [one[:, is_open & (not has_prior)] for one, is_open in zip(along, directions.is_open, strict=True)],
-        "by_considered": by_true_value,
+        "by_considered": -by_kept_value[:, :, :sizes],  # errors: given minus true values
         "size": _size_evidence(problem, kept),
         "offsets": [{name: kept.offset(t, i) for i, name in usual} for t in range(len(problem))],
+        "following": [{name: by_kept_value[t, :, i] for i, name in usual} for t in range(len(problem))],
         "off_given": _off_given(evaluation, kept, is_given, tested, sizes),
     }
     return [

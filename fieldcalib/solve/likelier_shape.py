@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from fieldcalib.assess.findings import SHAPE, WAS_SQUASHED, Finding, Verdict, What
-from fieldcalib.assess.probability import largest_move
+from fieldcalib.assess.probability import MOST_MOVED, largest_move
 from fieldcalib.assess.result import Calibration, found_of, in_picture, with_findings
 from fieldcalib.fields.field import ObjectSegments
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels
@@ -26,7 +26,6 @@ from fieldcalib.problem.picture_shape import (
 )
 from fieldcalib.solve.solver_options import CERTAIN
 
-MOST_MOVED = 0.5  # share of the field's tolerance: the rest is left to the errors of the camera itself
 MOST_RAISED = 0.1  # share of a camera's height, from which on another one that fits as well leaves the height open
 
 
