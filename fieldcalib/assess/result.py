@@ -194,9 +194,9 @@ class Calibration:
         """Reason for the verdict: what speaks against the camera, the most important first, and the `message`."""
         if not self.accepted:
             return self.message
-        # the message names suspect labels
-        told = {(What.SUSPECTS, ""), *((What.STRAY, one.label) for one in self.suspect_labels)}
-        against = (one for one in self._against if (one.what, one.about) not in told)
+        told = {one.label for one in self.suspect_labels if repr(one.label) in self.message}
+        of_told = {(What.STRAY, label) for label in told} | ({(What.SUSPECTS, "")} if told else set())
+        against = (one for one in self._against if (one.what, one.about) not in of_told)
         return in_words(*against, Finding(What.SAID, self.message))
 
     @property
