@@ -102,8 +102,11 @@ def surprises(uncertainty: Uncertainty) -> tuple[Finding, ...]:
     problem = uncertainty.problem
     if problem.prior is not None:
         names = np.array(problem.layout.names)[problem.free]
-        z, determined = problem.prior_residuals(uncertainty.evaluation.theta)[0], _by_labels(uncertainty)
-        for name in names[(np.abs(z) > UNUSUAL) & ~(determined & np.isin(names, EVIDENT))]:
+        z = problem.prior_residuals(uncertainty.evaluation.theta)[0]
+        unusual, evident = np.abs(z) > UNUSUAL, np.isin(names, EVIDENT)
+        if np.any(unusual & evident):
+            unusual &= ~(evident & _by_labels(uncertainty))
+        for name in names[unusual]:
             if name in NAMES:
                 found[Finding(What.UNUSUAL, NAMES[name])] = None
     size, aspect = problem.layout.image_size, uncertainty.offsets.get("log aspect", (0.0, 1.0))
