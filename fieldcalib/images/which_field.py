@@ -120,8 +120,8 @@ def _compared(picture: PictureToSearch, names: Sequence[str], network: Network |
         for name in sorted(likely, key=lambda name: -likely[name]):
             accepted = max((one.score for one in found.values() if one.is_accepted), default=0.0)
             if likely[name] >= max(LIKELY * max(likely.values()), LIKELY_BESIDE * accepted):
-                for best_first in islice(searches[name], None if is_thorough else 1):
-                    found[name] = _of_courts(best_first)
+                for searched in islice(searches[name], None if is_thorough else 1):
+                    found[name] = _of_courts(searched.courts)
         if any(one.is_accepted for one in found.values()):
             break
     return found

@@ -61,7 +61,8 @@ def searched(monkeypatch):
         for number in (1, 2, 3):
             made.append((name, number))
             verdict = Verdict.GOOD if (name, number) == ("badminton", 2) else Verdict.REJECT
-            yield [SimpleNamespace(evidence=SimpleNamespace(score=50.0), calibration=SimpleNamespace(verdict=verdict))]
+            court = SimpleNamespace(evidence=SimpleNamespace(score=50.0), calibration=SimpleNamespace(verdict=verdict))
+            yield SimpleNamespace(courts=[court])
             if verdict is Verdict.GOOD:
                 return
 

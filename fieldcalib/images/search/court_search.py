@@ -32,7 +32,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from itertools import islice
 
 import numpy as np
@@ -351,15 +351,15 @@ def find_courts(image: Image, field: Field, *, flags: int = DEFAULT_FLAGS, prior
     >>> best.calibration.accepted, round(best.calibration.camera.focal_length, -1)
     (True, 1400.0)
     """
-    return [*searches_for(PictureToSearch(checked_image(image)), field, flags=flags, prior=prior)][-1]
+    return [*searches_for(PictureToSearch(checked_image(image)), field, flags=flags, prior=prior)][-1].courts
 
 
 def searches_for(
     picture: PictureToSearch, field: Field, *, flags: int = DEFAULT_FLAGS, prior: Prior = ALL
-) -> Iterator[list[FoundCourt]]:
+) -> Iterator[Searched]:
     """Search a prepared picture for a field, whose stripes are found once for several fields.
 
-    Yields after each search, of which `find_courts` makes more until one is sure, the courts that were found so far.
+    Yields what was found so far after each search, of which `find_courts` makes more until a camera is sure.
     """
     task = Task(field, flags=flags, prior=prior)
     task.options(size_of(picture.image))  # raises what the user did wrong before the search
@@ -377,7 +377,8 @@ def search_courts(task: Task, images: Sequence[Image], *, estimate_size: bool = 
         raise ValueError("courts are searched for a Field, whose size is known: without one a network is needed")
     if not task.given.is_empty:
         raise ValueError("of a camera that is searched for nothing may be given: leave it out, or give a network")
-    found = ([*_searches(task, field, PictureToSearch(image), estimate_size=estimate_size)][-1] for image in images)
+    searches = (_searches(task, field, PictureToSearch(image), estimate_size=estimate_size) for image in images)
+    found = ([*one][-1].courts for one in searches)
     return [one[0].calibration if one else Calibration.without_camera(*NOTHING) for one in found]
 
 
@@ -399,24 +400,38 @@ class _Candidate:
         return (WITH_EDGES if _field_of(self.refined).lines.lighter is None else 1.0) * self.evidence.odds
 
 
-def _searches(task: Task, field: Field, picture: PictureToSearch, *, estimate_size: bool) -> Iterator[list[FoundCourt]]:
-    """Search until a camera is sure; yield all courts after each search, accepted and most probable ones first."""
+@dataclass(frozen=True, eq=False)
+class Searched:
+    """What the searches of a picture have found so far."""
+
+    candidates: Sequence[_Candidate] = ()
+    probability: Sequence[float] = ()
+    """Of each candidate to be right."""
+
+    @cached_property
+    def courts(self) -> list[FoundCourt]:
+        """All candidates judged, accepted and most probable ones first."""
+        courts = [_court(*one) for one in zip(self.candidates, self.probability, strict=True)]
+        # cameras that are alike share a probability, but one of them may lie better on its paint
+        return sorted(
+            courts,
+            key=lambda one: (not one.calibration.accepted, -one.probability, -np.nan_to_num(one.evidence.odds)),
+        )
+
+
+def _searches(task: Task, field: Field, picture: PictureToSearch, *, estimate_size: bool) -> Iterator[Searched]:
+    """Search until a camera is sure."""
     sized = estimate_size and field.moves_with_size and not field.size_known
-    candidates: list[_Candidate] = []
-    courts: list[FoundCourt] = []
+    searched = Searched()
     for views in (_candidates, _candidates_from_above):
-        if any(one.calibration.accepted for one in courts):
+        if any(one.calibration.accepted for one in searched.courts):
             return
         for found in views(task, field, picture, sized=sized):
-            candidates += found
-            probability = probabilities(np.array([one.odds for one in candidates]), _are_alike(candidates)).tolist()
-            courts = [_court(*one) for one in zip(candidates, probability, strict=True)]
-            # cameras that are alike share a probability, but one of them may lie better on its paint
-            yield sorted(
-                courts,
-                key=lambda one: (not one.calibration.accepted, -one.probability, -np.nan_to_num(one.evidence.odds)),
-            )
-            if any(p >= ENOUGH and one.refined.judged.accepted for p, one in zip(probability, candidates, strict=True)):
+            every = [*searched.candidates, *found]
+            probability = probabilities(np.array([one.odds for one in every]), _are_alike(every)).tolist()
+            searched = Searched(every, probability)
+            yield searched
+            if any(p >= ENOUGH and one.refined.judged.accepted for p, one in zip(probability, every, strict=True)):
                 break
 
 
