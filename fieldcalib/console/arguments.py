@@ -366,7 +366,7 @@ def add_named_field(parser: argparse.ArgumentParser, *, auto: bool = False) -> N
         default=SOCCER,
         metavar="NAME",
         help=f"{', '.join(FIELDS)}, or a .yaml or .json file with one of your own ({SOCCER})"
-        + f"; {AUTO}: all are tried on some of the pictures" * auto,
+        + f"; {AUTO}: the one that some of the pictures show" * auto,
     )
 
 

@@ -121,7 +121,7 @@ def calibrate(
         * a URL, or ``"-"`` for standard input, up to `end`. To calibrate frames as they come, use `Tracker`.
     field : str or Field
         The name of a sport (`fieldcalib.fields.catalogue.FIELDS`), a file with a field of one's own, a `Field`, or
-        ``"auto"``: all sports are tried on some of the pictures, and the best one is taken if no other explains them
+        ``"auto"``: sports are tried on some of the pictures, and the best one is taken if no other explains them
         about as well (`fieldcalib.images.which_field.which_field`). The size of a field in pictures is estimated from
         them, unless it is declared known (`Field.size_known`).
     start, end : str or float, optional

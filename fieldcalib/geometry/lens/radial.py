@@ -10,7 +10,7 @@ from fieldcalib._types import Array, BoolArray
 from fieldcalib.geometry.lens.model import SymmetricLens, a2_of_a1, constant, da2_da1, dot
 
 # Broadcast lenses displace the corner outwards: on annotated frames a1 has its median at 2.8 %, 95 % are below 5.5 %.
-# Ten measured cameras have a2 of 0.5 to 1.9 %; 644 annotated frames together are likeliest with 0.4 %.
+# Ten measured cameras have b2 of 0.5 to 1.9 %; 644 annotated frames together are likeliest with 0.4 %.
 RADIAL_MEAN, RADIAL_SIGMA = (0.025, 0.0), (0.02, 0.01)  # a1, b2
 
 
