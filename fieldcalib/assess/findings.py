@@ -401,8 +401,8 @@ def _wanted(name: str, offset: float) -> str:
     return "another lens than the given one"
 
 
-def in_words(*findings: Finding) -> str:
-    """Sentences of findings, each once."""
+def in_words(*findings: Finding | SuspectLabel) -> str:
+    """Sentences of findings and suspect labels, each once."""
     return "; ".join(dict.fromkeys(map(str, findings)))
 
 

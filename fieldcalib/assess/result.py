@@ -191,13 +191,16 @@ class Calibration:
 
     @property
     def reason(self) -> str:
-        """Reason for the verdict: what speaks against the camera, the most important first, and the `message`."""
+        """Reason for the verdict: what speaks against the camera, the most important first, suspect labels, `message`.
+
+        The message of a camera that is not accepted is the reason itself, and comes first.
+        """
+        message, suspects = Finding(What.SAID, self.message), {one.label for one in self.suspect_labels}
         if not self.accepted:
-            return self.message
-        told = {one.label for one in self.suspect_labels if repr(one.label) in self.message}
-        of_told = {(What.STRAY, label) for label in told} | ({(What.SUSPECTS, "")} if told else set())
-        against = (one for one in self._against if (one.what, one.about) not in of_told)
-        return in_words(*against, Finding(What.SAID, self.message))
+            return in_words(message, *self.suspect_labels)
+        of_suspects = {(What.SUSPECTS, ""), *((What.STRAY, label) for label in suspects)} if suspects else ()
+        against = (one for one in self._against if (one.what, one.about) not in of_suspects)
+        return in_words(*against, *self.suspect_labels, message)
 
     @property
     def findings(self) -> tuple[Finding, ...]:

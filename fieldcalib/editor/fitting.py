@@ -11,7 +11,7 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.assess.findings import BESIDE, Finding, Status, What, in_words
 from fieldcalib.assess.label_errors import rms_of_labels
-from fieldcalib.assess.result import Calibration, with_findings
+from fieldcalib.assess.result import Calibration, found_of, with_findings
 from fieldcalib.editor.edit import Marks
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
@@ -124,17 +124,20 @@ def fitted(task: Task, image: Image, marks: Marks) -> Calibration:
     """
     size, field = size_of(image), task.field
     assert field is not None
-    pixels, weights = marks.pixels, _weights(marks, size)
     if not field.stands:  # without a prior the principal point would be unconstrained
         task = replace(task.with_flags(CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT), prior=None)
     try:
         # agrees with calibrate_from_segments to 1e-6, and saves the time of its second solver
-        (by_marks,) = calibrate_labels(task, [pixels], size, None if weights is None else [weights])
+        weights = _weights(marks, size)
+        (by_marks,) = calibrate_labels(task, [marks.pixels], size, None if weights is None else [weights])
     except ValueError as error:  # marks that cannot be used yet, e.g. only in a corner: more marks may help
         return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, str(error).removeprefix("frame 0: "))
     if not by_marks.accepted:
         return by_marks
-    flags, prior = task.chosen_flags, task.prior
+    suspects = {one.label for one in by_marks.suspect_labels}
+    agreeing = Marks(tuple(one for one in marks.all if one.label not in suspects))
+    weights, flags, prior = _weights(agreeing, size), task.chosen_flags, task.prior
+    pixels = agreeing.pixels
     refined = refine_on_image(field, image, by_marks, pixels, weights=weights, flags=flags, prior=prior, quick=True)
     return _agreeing(field, marks.only_by_hand, by_marks, refined)
 
@@ -148,7 +151,9 @@ def _agreeing(field: Field, by_hand: Marks, by_marks: Calibration, refined: Cali
     farther = max(FARTHER * pixel_unit(refined.required_camera.image_size), FARTHER_CLICKS)
     if refined is by_marks or (len(by_hand) and _rms(after) > _rms(errors) + farther):
         return _with_strays(by_hand, by_marks, errors)
-    return _with_strays(by_hand, replace(refined, suspect_labels=by_marks.suspect_labels), after)
+    suspects = (one for one in found_of(by_marks) if one.what is What.SUSPECTS)
+    named = with_findings(replace(refined, suspect_labels=by_marks.suspect_labels), *suspects)
+    return _with_strays(by_hand, named, after)
 
 
 def _rms(errors: Array) -> float:

@@ -370,7 +370,7 @@ def _judged(frames: _Frames) -> list[Calibration]:
         if status is Status.ACCEPTED and _shows_ground_only(cameras[t], evidence, solved[t]):
             advice.append(Finding(What.GROUND_ONLY))
         told = [one for one in sides if status is not Status.ACCEPTED or not one.what.is_against]  # `reason` has others
-        notes = [message, *map(str, [*suspects, *told, *(one for one in advice if one.what is What.GROUND_ONLY)])]
+        notes = [message, *map(str, [*told, *(one for one in advice if one.what is What.GROUND_ONLY)])]
         if status is Status.ACCEPTED and options.field is not None and repeats(evidence.labels.segments, options):
             notes.append(REPEATS.format(options.field.repeats))
         if frames.freed:

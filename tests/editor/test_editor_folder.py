@@ -28,6 +28,7 @@ from waiting import wait_until
 
 import fieldcalib
 from fieldcalib import Camera, soccer
+from fieldcalib.assess.findings import What
 from fieldcalib.cli.main import main
 from fieldcalib.draw.scene import render_field
 from fieldcalib.editor.editor import StaleEdit
@@ -532,7 +533,8 @@ def test_marks_far_from_their_marking_are_named(pictures):
     editor[0] = editor[0].mark("Small rect. left main", [(700.0, 100.0), (720.0, 130.0)], snap=False)
     found = editor.fitted(0).calibration
     assert found.camera is not None
-    assert "'Small rect. left main' is marked" in found.reason
+    assert found.has_finding(What.STRAY)
+    assert "'Small rect. left main' lies" in found.reason
     assert found.verdict != "good"
 
 

@@ -274,7 +274,7 @@ def test_a_label_that_lies_is_named_and_does_no_harm(true, given):
     for found in (calibrate_from_segments(FIELD, lying, SIZE), *calibrate_batch(FIELD, [lying], SIZE)):
         assert [(suspect.label, suspect.fits) for suspect in found.suspect_labels] == [(given, true)]
         assert found.accepted
-        assert f"{given!r} lies" in found.message
+        assert f"{given!r} lies" in found.reason
         assert list(found.per_segment_errors) == list(lying)  # as given
         assert relative_error(found.camera, clean.camera) < 1e-3
     assert clean.suspect_labels == ()

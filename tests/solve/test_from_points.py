@@ -75,7 +75,7 @@ def test_gross_errors_are_named_and_do_no_harm(prior):
     calibration = calibrate_from_points(X, moved, SIZE, prior=prior)
     assert calibration.accepted
     accused = {int(suspect.label.split()[1]) for suspect in calibration.suspect_labels}
-    assert all(f"'point {i}' lies" in calibration.message for i in accused)
+    assert all(f"'point {i}' lies" in calibration.reason for i in accused)
     assert relative_error(calibration.camera, CAMERA) < 0.05
     far = {int(name.split()[1]) for name, error in calibration.per_segment_errors.items() if error > 20.0}
     assert far == accused == {i for i in wrong if np.linalg.norm(moved[i] - xy[i]) > 20.0}

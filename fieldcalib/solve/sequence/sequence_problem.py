@@ -250,8 +250,6 @@ def solved_rows(
     status = np.full(len(rows), ACCEPTED)
     for k, one in alone.items():
         status[k] = ACCEPTED if is_tied[k] else STATUSES.index(one.status)
-    suspects = {k: one.suspect_labels for k, one in alone.items() if one.suspect_labels}
-    refused = {k: one.message for k, one in alone.items() if not is_tied[k] and not one.accepted}
     by_lines = np.where(is_tied, BASES.index(Basis.BOTH), BASES.index(Basis.LINES))
     return replace(
         rows,
@@ -264,8 +262,8 @@ def solved_rows(
         ground_error=metres,
         label_errors=label_errors,
         label_counts=label_counts,
-        notes={k: "; ".join(map(str, found)) for k, found in suspects.items()} | refused,
-        suspects=suspects,
+        notes={k: one.message for k, one in alone.items() if not is_tied[k] and not one.accepted},
+        suspects={k: one.suspect_labels for k, one in alone.items() if one.suspect_labels},
     )
 
 
