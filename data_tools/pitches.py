@@ -27,9 +27,9 @@ import numpy as np
 
 from data_tools.crown import crowned, crowned_ground
 from data_tools.probability import TOLERANCES, largest_true_error
-from data_tools.sequences import EMPTY_SHARE, tied
+from data_tools.sequences import EMPTY_SHARE, POINTS, tied
 from data_tools.synthetic.cameras import random_camera
-from data_tools.synthetic.clips import labelled
+from data_tools.synthetic.clips import background_points, labelled
 from data_tools.synthetic.frames import filmed
 from data_tools.synthetic.games import Game, game_named
 from data_tools.synthetic.paths import camera_path, with_displaced_lines
@@ -140,7 +140,7 @@ def judge_clips(clips: int, rng: np.random.Generator) -> Iterator[Judged]:
         lines = with_displaced_lines(pitch, rng)
         shown = crowned(lines, rise.height, roof=rise.roof) if rise.height else lines
         frames = labelled(cameras, shown, rng, empty_share=EMPTY_SHARE)
-        matches = tied(cameras, rng, on_ground=False)
+        matches = tied(cameras, np.arange(len(cameras)), background_points(cameras, POINTS, rng), rng)
         pixels = [one.pixels for one in frames]
         found = calibrate_sequence(soccer(), pixels, SIZE, matches=matches, trust_labels=True)  # no label is wrong
         kind = "clips, one end" if number % 2 else "clips, both ends"

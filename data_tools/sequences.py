@@ -6,9 +6,9 @@ CAMERAS holds ``<name>.npz`` as for `data_tools.measured_cameras`. For each, N o
 its zoom and lens are calibrated (`data_tools.synthetic.paths`), on a pitch whose lines are painted some centimetres
 off. With `--matches` half of the frames have no labels, and static points tie each frame to others as
 `fieldcalib.images.background.keyframe_tracking` does. With `--flies` the camera moves, and static points are on the
-ground. Printed are, for each basis of frames, the median errors of focal length (percent), centre and field in view
-(metres) and of the field in the image (pixels of 1280 columns), how often the 95 % regions contain the truth (percent),
-and the mean error of the pitch's size (metres).
+ground in front of the boards. Printed are, for each basis of frames, the median errors of focal length (percent),
+centre and field in view (metres) and of the field in the image (pixels of 1280 columns), how often the 95 % regions
+contain the truth (percent), and the mean error of the pitch's size (metres).
 """
 
 from __future__ import annotations
@@ -24,14 +24,16 @@ from data_tools.measured_cameras import camera_files, read_zoom
 from data_tools.synthetic.clips import background_matches, background_points, labelled
 from data_tools.synthetic.paths import SIZE, camera_path, flight, with_displaced_lines
 from data_tools.truth import Compared, by_basis, compared
-from fieldcalib._types import Array
+from fieldcalib._types import Array, IntArray
 from fieldcalib.console.arguments import count, positive
 from fieldcalib.console.program import run_command
+from fieldcalib.fields.field import Field
 from fieldcalib.fields.ground import LEVEL
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.background.keyframe_tracking import BACK
 from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.sequence.background_matches import BEHIND_LINES
 from fieldcalib.solve.sequence.sequence_problem import SHARED, SHARED_IN_MOTION
 from fieldcalib.solve.sequence.sequence_solver import calibrate_sequence
 from fieldcalib.solve.solver_options import paint_sigma
@@ -68,20 +70,22 @@ def run(options: argparse.Namespace) -> int:
     for number, path in enumerate(options.repeats * camera_files(options.cameras)):
         rng = np.random.default_rng(options.seed + number)
         centre = flight(rng, FRAMES) if options.flies else None
-        cameras = camera_path(rng, FRAMES, read_zoom(path), centre=centre)[:: max(FRAMES // options.count, 1)][
-            : options.count
-        ]
+        times = np.arange(0, FRAMES, max(FRAMES // options.count, 1))[: options.count]
+        every = camera_path(rng, FRAMES, read_zoom(path), centre=centre)
+        cameras = [every[t] for t in times]
         lines = with_displaced_lines(field, rng, paint)
         empty = EMPTY_SHARE if options.matches else 0.0
         frames = [frame.pixels for frame in labelled(cameras, lines, rng, options.noise, empty_share=empty)]
-        matches = tied(cameras, rng, options.flies) if options.matches else None
+        matches = None
+        if options.matches:
+            points = background_points(cameras, POINTS, rng)
+            matches = tied(every, times, on_the_ground(points, field) if options.flies else points, rng)
         shared = SHARED_IN_MOTION if options.flies else SHARED
-        found = calibrate_sequence(field, frames, SIZE, shared=shared, matches=matches)
-        together += [
-            compared(one, truth, field, str(basis))
-            for one, truth, basis in zip(found, cameras, found.basis, strict=True)
-            if one.accepted
-        ]
+        clip: list[dict[str, Array]] = [{} for _ in every]  # the path of a moving camera is smooth in time
+        for t, pixels in zip(times, frames, strict=True):
+            clip[t] = pixels
+        found = calibrate_sequence(field, clip, SIZE, shared=shared, matches=matches)
+        together += [compared(found[t], every[t], field, str(found.basis[t])) for t in times if found[t].accepted]
         single = calibrate_batch(soccer(size_known=True).with_ground(LEVEL), frames, SIZE)
         alone += [compared(one, truth, field, "one by one") for one, truth in zip(single, cameras, strict=True) if one]
         if found.field is not None:
@@ -93,18 +97,23 @@ def run(options: argparse.Namespace) -> int:
 
 
 def tied(
-    cameras: Sequence[Camera], rng: np.random.Generator, on_ground: bool
+    cameras: Sequence[Camera], times: IntArray, points: Array, rng: np.random.Generator
 ) -> dict[tuple[int, int], tuple[Array, Array]]:
-    """Matches of static points between each frame and the keyframe before it, and between keyframes."""
-    keys = range(0, len(cameras), KEY_EVERY)
-    pairs = [(t // KEY_EVERY * KEY_EVERY, t) for t in range(len(cameras)) if t not in keys]
+    """Matches of static points between each frame of some times and the keyframe before it, and between keyframes."""
+    keys = times[::KEY_EVERY].tolist()
+    pairs = [(keys[k // KEY_EVERY], t) for k, t in enumerate(times.tolist()) if t not in keys]
     pairs += [(keys[k - back], keys[k]) for k in range(len(keys)) for back in BACK if k >= back]
-    points, found = background_points(cameras, POINTS, rng), {}
-    points = points[np.abs(points[:, 2]) < GROUND] if on_ground else points
+    found: dict[tuple[int, int], tuple[Array, Array]] = {}
     for match in background_matches(cameras, pairs, points, rng):
         some = rng.permutation(len(match.xy_first))[:MOST_MATCHES]
         found[match.first, match.second] = match.xy_first[some], match.xy_second[some]
     return found
+
+
+def on_the_ground(points: Array, field: Field) -> Array:
+    """Those of the points (N, 3) that lie on a field, or in front of the boards around it."""
+    half = np.array([field.length, field.width]) / 2.0 + BEHIND_LINES
+    return points[(np.abs(points[:, 2]) < GROUND) & np.all(np.abs(points[:, :2]) < half, axis=1)]
 
 
 if __name__ == "__main__":

@@ -12,8 +12,8 @@ from fieldcalib._types import Array
 from fieldcalib.assess.estimate import CENTRE_MARK
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.field import Field
-from fieldcalib.geometry.camera import Camera
-from fieldcalib.problem.layout import CENTER, LOG_F
+from fieldcalib.geometry.camera import FULL_TURN, Camera
+from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F
 
 GRID = (9, 7)  # pixels across and down the picture at which points of the field are compared
 UNIT = 1280.0  # columns of the image in whose pixels errors are given
@@ -57,6 +57,7 @@ def compared(found: Calibration, truth: Camera, field: Field, basis: str) -> Com
     errors = found.uncertainty
     camera, layout, theta = errors.camera, errors.layout, errors.theta
     own = theta[OWN] - layout.theta(truth)[OWN]
+    own[ANGLES] -= FULL_TURN * np.round(own[ANGLES] / FULL_TURN)
     covariance = errors.covariance[OWN, OWN]
     off = camera.C - truth.C
     xy, X = points_in_view(truth, field)

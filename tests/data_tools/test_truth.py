@@ -1,6 +1,7 @@
 """The tools that compare the frames of a clip with true cameras."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -61,6 +62,13 @@ def test_regions_hold_what_is_within_their_radius():
         assert compared(found(centre), TRUTH, FIELD, "lines").holds_centre == expected
         focal = factor * 1.96 * np.eye(7)[3]
         assert compared(found(focal), TRUTH, FIELD, "lines").holds_focal_length == expected
+
+
+def test_a_pan_of_a_full_turn_more_is_the_same():
+    turned = found(np.zeros(7))
+    theta = turned.errors.theta + 2.0 * np.pi * np.eye(LAYOUT.size)[0]
+    errors = KnownErrors(LAYOUT, theta, turned.errors.covariance)
+    assert compared(replace(turned, errors=errors), TRUTH, FIELD, "lines").holds_own == 1.0
 
 
 def test_ellipses_on_the_ground_that_are_too_small_do_not_hold_it():
@@ -127,6 +135,16 @@ def test_matches_tell_frames_without_labels(measured, capsys):
     assert tied["image_px"] < 1.5
     assert tied["holds_field"] > 85.0
     assert tied["focal_length_percent"] < rows["one by one"]["focal_length_percent"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ties", [[], ["--matches"]])
+def test_regions_of_a_camera_that_flies_hold_the_truth(measured, capsys, ties):
+    assert sequences.main([str(measured), "--flies", "--count", "20", *ties]) == 0
+    rows = {row.get("basis"): row for row in map(json.loads, capsys.readouterr().out.splitlines())}
+    together = rows["lines and matches" if ties else "lines"]
+    assert together["focal_length_percent"] < rows["one by one"]["focal_length_percent"]
+    assert min(together["holds_own"], together["holds_centre"], together["holds_field"]) > 90.0
 
 
 @pytest.mark.slow
