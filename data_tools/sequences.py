@@ -113,7 +113,8 @@ def tied(
 def on_the_ground(points: Array, field: Field) -> Array:
     """Those of the points (N, 3) that lie on a field, or in front of the boards around it."""
     half = np.array([field.length, field.width]) / 2.0 + BEHIND_LINES
-    return points[(np.abs(points[:, 2]) < GROUND) & np.all(np.abs(points[:, :2]) < half, axis=1)]
+    is_free = (np.abs(points[:, 2]) < GROUND) & np.all(np.abs(points[:, :2]) < half, axis=1)
+    return np.asarray(points[is_free])
 
 
 if __name__ == "__main__":
