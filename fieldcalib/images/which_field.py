@@ -111,12 +111,12 @@ def _compared(picture: PictureToSearch, names: Sequence[str], network: Network |
     """
     fields = {name: field_named(name) for name in names}
     searches = {name: searches_for(picture, field) for name, field in fields.items() if not _knows(network, field)}
-    known, likely, found = fields.keys() - searches.keys(), dict[str, float](), dict.fromkeys(names, _Found())
+    known, found = fields.keys() - searches.keys(), dict.fromkeys(names, _Found())
     for is_thorough in (False, True):
         found |= {name: _by_network(picture, fields[name], network, is_thorough=is_thorough) for name in known}
         if any(found[name].verdict is Verdict.GOOD for name in known):
             return {name: found[name] for name in known}
-        likely = likely or _unrefined(picture, {name: fields[name] for name in searches})
+        likely = _unrefined(picture, {name: fields[name] for name in searches}, is_thorough=is_thorough)
         for name in sorted(likely, key=lambda name: -likely[name]):
             accepted = max((one.score for one in found.values() if one.is_accepted), default=0.0)
             if likely[name] >= max(LIKELY * max(likely.values()), LIKELY_BESIDE * accepted):
@@ -133,16 +133,18 @@ def _of_courts(best_first: Sequence[FoundCourt]) -> _Found:
     return _Found(max(best_first[0].evidence.score, 0.0), best_first[0].calibration.verdict)
 
 
-def _unrefined(picture: PictureToSearch, fields: Mapping[str, Field]) -> dict[str, float]:
+def _unrefined(picture: PictureToSearch, fields: Mapping[str, Field], *, is_thorough: bool) -> dict[str, float]:
     """Log likelihood ratios of the best cameras of fields before refinement, 0 without any.
 
-    Courts of one sport look alike: where the first is unlikely, the others are left out.
+    Courts of one sport look alike: where the first is unlikely, the others are left out. What three lines of a picture
+    show is asked only of a thorough search, as it takes most of the time.
     """
     likely = dict[str, float]()
     for name, field in fields.items():
         first = next(one for one in fields if _sport(one) == _sport(name))
         if name == first or likely[first] >= LIKELY * max(likely.values()):
-            ranked = picture.stripes(lighter=field.lines.lighter).ranked(field, are_cut_out=False)
+            stripes = picture.stripes(lighter=field.lines.lighter)
+            ranked = stripes.ranked(field, are_cut_out=False) if is_thorough else stripes.ranked_clear(field)
             likely[name] = float(np.max(ranked.score, initial=0.0))
     return likely
 

@@ -67,7 +67,8 @@ def searched(monkeypatch):
                 return
 
     monkeypatch.setattr(module, "searches_for", searches)
-    monkeypatch.setattr(module, "_unrefined", lambda picture, fields: dict(zip(fields, (90.0, 80.0), strict=True)))
+    likely = 90.0, 80.0
+    monkeypatch.setattr(module, "_unrefined", lambda picture, fields, **how: dict(zip(fields, likely, strict=True)))
     return made
 
 
@@ -89,8 +90,18 @@ def test_where_the_network_finds_a_good_camera_no_other_field_is_tried(monkeypat
 def test_courts_of_a_sport_are_compared_if_its_first_is_likely():
     picture = PictureToSearch(render_field(BEHIND, tennis()))
     rinks = {name: field_named(name) for name in ("ice-hockey-iihf", "ice-hockey-nhl")}
-    assert module._unrefined(picture, rinks).keys() == rinks.keys()
-    assert module._unrefined(picture, {"tennis": tennis(), **rinks}).keys() == {"tennis", "ice-hockey-iihf"}
+    for is_thorough in (False, True):
+        assert module._unrefined(picture, rinks, is_thorough=is_thorough).keys() == rinks.keys()
+        likely = module._unrefined(picture, {"tennis": tennis(), **rinks}, is_thorough=is_thorough)
+        assert likely.keys() == {"tennis", "ice-hockey-iihf"}
+
+
+def test_three_lines_are_asked_only_of_a_thorough_search():
+    court, far = {"tennis": tennis()}, np.full((540, 960, 3), 90, np.uint8)
+    for line in (((100, 400), (900, 380)), ((300, 250), (100, 500)), ((650, 240), (900, 500))):
+        cv2.line(far, *line, (220, 220, 220), 4, cv2.LINE_AA)
+    assert module._unrefined(PictureToSearch(far), court, is_thorough=False)["tennis"] == 0.0
+    assert module._unrefined(PictureToSearch(far), court, is_thorough=True)["tennis"] > 10.0
 
 
 def test_no_field_is_found_where_there_is_none():

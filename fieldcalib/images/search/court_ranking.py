@@ -89,15 +89,20 @@ def rank_cameras(curves: Curves, maps: StripeMaps, field: Field, bend: Bend, *, 
     `curves` and `maps` are those of the picture without distortion. If no camera is likely, and pictures of the field
     `are_cut_out` of larger ones, principal points outside the middle are tried too.
     """
-    lines, ellipses = curves
-    widened = 1.0 + bend.a
-    found = [hypotheses(lines, field, maps.size), few_line_hypotheses(lines, field, maps.size, widened)]
-    found.append(circle_hypotheses(ellipses, lines, field, maps.size, widened))
+    lines, _ = curves
+    found = [*_clear(curves, maps, field, bend), few_line_hypotheses(lines, field, maps.size, 1.0 + bend.a)]
     cameras, score = _ranked(maps, Cameras.joined(found, maps.size), field)
     if are_cut_out and bend.a == 0.0 and np.max(score, initial=0.0) < SURE:
         others = [_likeliest(maps, hypotheses(lines, field, maps.size, row), field)[0] for row in ROWS]
         cameras, score = _ranked(maps, Cameras.joined([cameras, *others], maps.size), field)
     return Ranked(cameras, score, bend)
+
+
+def _clear(curves: Curves, maps: StripeMaps, field: Field, bend: Bend) -> list[Cameras]:
+    """Cameras from four lines, and from a circle and a line."""
+    lines, ellipses = curves
+    circles = circle_hypotheses(ellipses, lines, field, maps.size, 1.0 + bend.a)
+    return [hypotheses(lines, field, maps.size), circles]
 
 
 def is_often_cut_out(field: Field) -> bool:
@@ -334,6 +339,11 @@ class PictureStripes:
     def curves(self, court: Field) -> Curves:
         """Long lines, and ellipses if the field has circles; finding ellipses takes 0.1 s."""
         return self.lines, self.ellipses if len(circles_of(court)) else ()
+
+    def ranked_clear(self, court: Field) -> Ranked:
+        """Rank as `ranked` does, but without the many cameras that project three lines of the field onto three."""
+        found = Cameras.joined(_clear(self.curves(court), self.straight_maps, court, self.bend), self.maps.size)
+        return Ranked(*_ranked(self.straight_maps, found, court), self.bend)
 
     def ranked_from_above(self, court: Field) -> Ranked:
         """Rank the cameras that look down on a field."""
