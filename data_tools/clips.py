@@ -129,7 +129,7 @@ class Clip:
         self.path, self.start, self.stop, self.masked = path, start, stop, masked or {}
         self.network = Padded(SegmentationNetwork.load())
         tied = ((image, _masked(one, self.masked)) for image, one in tied_frames(read_ahead(self.images())))
-        self.keyframes = read_keyframes(tied, How(Task(soccer()), self.network))
+        self.keyframes = read_keyframes(tied, How(Task(soccer()), self.network).on_paint())
         self.lines: dict[int, PixelTable] = {}
 
     def images(self) -> Iterator[Image]:
