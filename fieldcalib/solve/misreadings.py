@@ -292,9 +292,7 @@ def with_doubted_points(
     unknowns : int
         Number of parameters that the points must determine.
     """
-    if not found.has_finding(What.SUSPECTS, What.MISSED, What.MISFIT) or any(
-        one.what.explains_all for one in found_of(found)
-    ):
+    if not found.has_finding(*BY_LABEL) or any(one.what.explains_all for one in found_of(found)):
         return found
     suspects = [one.label for one in found.suspect_labels]
     if not suspects and 2 * (len(xy) - 1) - unknowns < TO_BLAME:
