@@ -95,6 +95,9 @@ class FrameSequence(Sequence[Calibration]):
     def _at(self, index: IntArray) -> Self:
         """A sequence of some of the frames, in that order."""
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({len(self)} frames, {sum(one.accepted for one in self)} accepted)"
+
     def to_dict(self) -> dict[str, Any]:
         """The calibration as a dict for `json.dumps`."""
         return {"version": self._version} | {name: one.write(getattr(self, name)) for name, one in self._codecs.items()}
@@ -153,7 +156,7 @@ class FrameSequence(Sequence[Calibration]):
         return [frame.camera for frame in self]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SequenceCalibration(FrameSequence):
     """The calibrations of frames of one camera, and the parameters that the frames share.
 

@@ -71,7 +71,7 @@ class Shot(NamedTuple):
     """Index into `VideoCalibration.tripods`; -1 if its camera is not known."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class VideoCalibration(FrameSequence):
     """The calibrations of the frames of a video.
 
@@ -81,8 +81,10 @@ class VideoCalibration(FrameSequence):
     Examples
     --------
     >>> nothing = VideoCalibration((), (Shot(0, 2, -1),), np.full(2, -1), np.zeros(2, dtype=int))
-    >>> len(nothing), nothing.cameras, str(nothing[1].status)
-    (2, [None, None], 'too few segments')
+    >>> nothing
+    VideoCalibration(2 frames, 0 accepted)
+    >>> nothing.cameras, str(nothing[1].status)
+    ([None, None], 'too few segments')
     >>> nothing[1:].shots
     (Shot(start=0, stop=1, tripod=-1),)
     """

@@ -443,15 +443,11 @@ class FrameEditor:
     def mark(self, label: str, xy: ArrayLike, *, snap: bool = True) -> FrameEditor:
         """Set marks of a label at pixels (2,) or (N, 2), snapped to paint; a ValueError far outside the picture."""
         _check_label(label, self.field)
-        clicks, size = _checked_clicks(xy), np.array(size_of(self.image))
-        outside = np.any(np.abs(clicks / size - 0.5) > FARTHEST, axis=1)
-        if np.any(outside):
-            x, y = clicks[outside][0]
-            raise ValueError(f"the picture is {size[0]} x {size[1]} pixels: ({x:g}, {y:g}) lies far outside")
+        clicks = _checked_clicks(xy, size_of(self.image))
         return self._then(marks=self.marks.added(label, [self.place(label, one, snap=snap) for one in clicks]))
 
     def move(self, to: Mapping[int, ArrayLike], *, snap: bool = True) -> FrameEditor:
-        """Drag marks, by their numbers, to other pixels."""
+        """Drag marks, by their numbers, to other pixels; a ValueError far outside the picture."""
         labels = [one.label for one in self.marks.all]
         places = {
             number: self.place(labels[number] if 0 <= number < len(labels) else "", xy, snap=snap)
@@ -506,7 +502,7 @@ class FrameEditor:
     def place(self, label: str, xy: ArrayLike, *, snap: bool = True) -> Array:
         """Pixel for a click: snapped to paint nearby for labels of lines and arcs, unchanged for other labels."""
         segment = self.field.get(label)
-        (click,) = _checked_clicks(xy)
+        (click,) = _checked_clicks(xy, size_of(self.image))
         if not snap or segment is None or not (segment.is_straight or segment.is_arc):
             return np.asarray(click)
         return snapped(self.image, click, self._direction(segment, label, click))
@@ -549,15 +545,20 @@ class FrameEditor:
         return replace(self, history=self.history.then(edit), found=None)
 
 
-def _checked_clicks(xy: ArrayLike) -> Array:
-    """Pixels (N, 2) of clicks; a ValueError if they are none."""
+def _checked_clicks(xy: ArrayLike, image_size: tuple[int, int]) -> Array:
+    """Pixels (N, 2) of clicks; a ValueError if they are none, or lie far outside the picture."""
     try:
         clicks = real_array(xy)
     except ValueError:
         clicks = np.empty(0)
     if clicks.shape[-1:] != (2,) or clicks.ndim > 2 or not np.all(np.isfinite(clicks)):
         raise ValueError(f"expected a pixel (x, y), or several of shape (N, 2), finite numbers, got {short(xy)}")
-    return clicks.reshape(-1, 2)
+    clicks = clicks.reshape(-1, 2)
+    outside = np.any(np.abs(clicks / image_size - 0.5) > FARTHEST, axis=1)
+    if np.any(outside):
+        (width, height), (x, y) = image_size, clicks[outside][0]
+        raise ValueError(f"the picture is {width} x {height} pixels: ({x:g}, {y:g}) lies far outside")
+    return clicks
 
 
 def _check_label(label: str, field: Field) -> None:
