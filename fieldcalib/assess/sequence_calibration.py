@@ -96,7 +96,8 @@ class FrameSequence(Sequence[Calibration]):
         """A sequence of some of the frames, in that order."""
 
     def __repr__(self) -> str:
-        return f"{type(self).__name__}({len(self)} frames, {sum(one.accepted for one in self)} accepted)"
+        frames = f"{len(self)} frame{'s' * (len(self) != 1)}"
+        return f"{type(self).__name__}({frames}, {sum(one.accepted for one in self)} accepted)"
 
     def to_dict(self) -> dict[str, Any]:
         """The calibration as a dict for `json.dumps`."""
@@ -170,7 +171,7 @@ class SequenceCalibration(FrameSequence):
     >>> len(nothing), nothing.cameras, nothing.shared, str(nothing[0].status)
     (2, [None, None], {}, 'too few segments')
     >>> nothing[:1]
-    SequenceCalibration(names=(), together=0)
+    SequenceCalibration(1 frame, 0 accepted)
     """
 
     _what: ClassVar[str] = "a sequence"
