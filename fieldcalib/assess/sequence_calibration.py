@@ -187,22 +187,22 @@ class SequenceCalibration(FrameSequence):
         "considered": Codec(array_to_record, array_from_record),
         "alternatives": Codec(array_to_record, array_from_record),
     }
-    frames: FrameTable = attribute(repr=False)
+    frames: FrameTable
     names: tuple[str, ...] = ()
     """Names of the shared parameters (`fieldcalib.problem.layout`); empty if no position of the tripod was found."""
-    values: Array = attribute(default_factory=lambda: np.zeros(0), repr=False)
+    values: Array = attribute(default_factory=lambda: np.zeros(0))
     """Estimates of the shared parameters, (S,)."""
-    covariance: Array = attribute(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    covariance: Array = attribute(default_factory=lambda: np.zeros((0, 0)))
     """Joint covariance of the shared parameters, (S, S)."""
-    field: Field | None = attribute(default=None, repr=False)
+    field: Field | None = None
     """The field, of the estimated size; None if the object is not a `Field`."""
     together: int = 0
     """Number of frames that the shared parameters were estimated from."""
-    layout: Layout | None = attribute(default=None, repr=False)
+    layout: Layout | None = None
     """Layout of the parameters of a frame; None if there is no camera."""
-    considered: Array = attribute(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    considered: Array = attribute(default_factory=lambda: np.zeros((0, 0)))
     """Covariance of all considered parameters: the shared ones, and a field size that frames hardly determine."""
-    alternatives: Array = attribute(default_factory=lambda: np.zeros((0, 3)), repr=False)
+    alternatives: Array = attribute(default_factory=lambda: np.zeros((0, 3)))
     """Other centres that explain the frames equally well, (A, 3); searched only if the first solution was doubtful."""
 
     def __len__(self) -> int:

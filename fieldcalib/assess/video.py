@@ -111,9 +111,9 @@ class VideoCalibration(FrameSequence):
     """The frames of each tripod and their shared parameters, the tripod with most frames first."""
     shots: tuple[Shot, ...]
     """The shots in order; every frame is in one."""
-    tripod: IntArray = attribute(repr=False)
+    tripod: IntArray
     """Index of the tripod of each frame, (T,); -1 without a tripod."""
-    number: IntArray = attribute(repr=False)
+    number: IntArray
     """Index of each frame among those of its tripod, (T,)."""
     notes: tuple[str, ...] = ()
     """Model of the camera, and the reason, where frames do not share the parameters that they were to share
