@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from dataclasses import field as attribute
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
