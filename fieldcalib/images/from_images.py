@@ -595,9 +595,9 @@ def with_narrow_padded(calibrate: Method, images: Sequence[Image], *, how: How) 
     Cameras found so are "check": of 16 in upright parts of frames 3 are wrong, one of which would be good. Of probable
     ones in declared parts 20 of 20 with five labels are right, 2 of 3 with four, which hardly check one another.
     """
-    found = calibrate(images)
-    assert how.network is not None
-    how = replace(how, network=Padded(how.network))
+    found, wide = calibrate(images), as_frames(how.network)
+    assert wide is not None
+    how = replace(how, network=Padded(wide))
     for index, image in enumerate(images):
         if not found[index].accepted and Padded.missing(size_of(image)):
             (again,) = calibrate_alone(how, [image])

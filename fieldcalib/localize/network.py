@@ -358,7 +358,7 @@ def _check_input(session: Any, path: Path, size: tuple[int, int]) -> None:
 
 @dataclass(frozen=True)
 class Padded:
-    """A network for pictures with square pixels that pads narrow ones on both sides.
+    """A network for pictures with square pixels that pads narrow ones on both sides, unless they have their own input.
 
     Examples
     --------
@@ -389,7 +389,8 @@ class Padded:
         """Class probabilities of images of one size, on a grid that covers each of them."""
         width = images[0].shape[1]
         missing = self.missing(size_of(images[0]))
-        if not missing:
+        of_upright = isinstance(self.network, SegmentationNetwork) and self.network.description.upright_size
+        if not missing or (of_upright and is_upright(images[0])):
             return self.network(images)
         left, whole = missing // 2, width + missing
         found = self.network([continued(image, left, missing - left) for image in images])

@@ -52,6 +52,7 @@ from fieldcalib.problem.projection import Projection
 # Fields of view from 0.3 to 170 degrees: outside, fits collapse to a point or to a plane and overflow.
 LOG_F_RANGE = (np.log(0.04), np.log(200.0))  # of f / width
 
+HELD = 1e-6  # prior standard deviation, in any unit, that keeps a parameter at its value
 AWAY = 1e9  # m: where points at infinity are taken to be
 WEIGHT = 0.5  # of a pixel along its segment, relative to its weight across: annotators place ends with less care
 
@@ -295,6 +296,12 @@ class Evaluation:
     def of(self, problem: Problem) -> Evaluation:
         """The evaluation of another problem, with the same pixels, at the same cameras."""
         return Evaluation(problem, self.theta, self.points)
+
+    def held(self, some: BoolArray, theta: Array) -> Evaluation:
+        """The evaluation with a prior that holds the parameters in a mask (n,) at their values in theta (T, n)."""
+        prior = self.problem.prior or GaussianPrior(theta, np.full_like(theta, np.inf))
+        prior = GaussianPrior(np.where(some, theta, prior.mean), np.where(some, HELD, prior.sigma))
+        return self.of(replace(self.problem, prior=prior))
 
     def with_ends(self, ends: EndRows) -> Evaluation:
         """The evaluation with other ends of segments."""

@@ -11,6 +11,7 @@ from data_tools.synthetic import frame
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.localize import SegmentationNetwork, localize
+from fieldcalib.localize.network import Padded, as_frames
 
 UPRIGHT = [(300, 400), (399, 400), (225, 400)]
 WIDE = [(711, 400), (400, 400), (900, 400)]
@@ -25,6 +26,13 @@ def network():
 def test_the_shape_of_a_picture_decides_the_size_of_the_input(network, size):
     probability = network([coloured(size)[0]])
     assert probability.shape == ((1, 27, 144, 112) if size in UPRIGHT else (1, 27, 96, 160))
+
+
+@pytest.mark.parametrize("size", [UPRIGHT[0], WIDE[1]])
+def test_where_narrow_pictures_are_padded_upright_ones_are_so_without_an_input_of_their_own(network, size):
+    (image, _), wide = coloured(size), as_frames(network)
+    assert np.array_equal(Padded(network)([image]), network([image])) == (size in UPRIGHT)
+    assert not np.array_equal(Padded(wide)([image]), wide([image]))
 
 
 def test_other_pictures_are_seen_as_if_there_were_one_size(network):

@@ -47,16 +47,10 @@ from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration, with_doubts
 from fieldcalib.assess.video import Shape
-from fieldcalib.fields.field import Field, ObjectSegments
 from fieldcalib.images.clip.clip_problem import ClipProblem, calibrate_frames_alone
 from fieldcalib.images.from_images import How
 from fieldcalib.images.shape.borders_and_windows import borders_of, parts_of, within_borders
-from fieldcalib.images.shape.shape_of_picture import (
-    SCORE_OF_SOFTNESS,
-    log_ratio_of_squash,
-    place_of_part,
-    window_prior,
-)
+from fieldcalib.images.shape.shape_of_picture import SCORE_OF_SOFTNESS, as_part, log_ratio_of_squash, place_of_part
 from fieldcalib.io.image_files import Image, each_checked, size_of
 from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.labelled_pixels import PixelTable
@@ -70,8 +64,9 @@ from fieldcalib.problem.picture_shape import (
     principal_point_sigma,
     squash_log_odds,
 )
+from fieldcalib.solve.request import Task
 from fieldcalib.solve.sequence.sequence_solver import solve_sequence
-from fieldcalib.solve.solver_options import CERTAIN, Prior, checked_prior
+from fieldcalib.solve.solver_options import CERTAIN, checked_prior
 
 SEEN, APART = 8, 12  # number of frames that are used, and distance from one to the next in frames
 FURTHEST = 3000  # frames, two minutes, among which they are
@@ -289,14 +284,13 @@ class SharedPrincipalPoint(NamedTuple):
     def of(cls, found: SequenceCalibration, how: How, *, is_free: bool = False) -> SharedPrincipalPoint | None:
         """Take the principal point of frames that share one; None if they do not, or have no prior.
 
-        `is_free`: they were solved with the wide prior for parts of pictures
-        (`window_prior`).
+        `is_free`: they were solved with the wide prior for parts of pictures (`as_part`).
         """
         if how.task.prior is None or found.layout is None or not {"cx", "cy"} <= set(found.names):
             return None
-        size, objects = found.layout.image_size, how.task.object_segments
-        of_whole = _sigma(how.task.prior, objects, size)
-        prior = _sigma(window_prior(how.task.prior, objects, size), objects, size) if is_free else of_whole
+        size = found.layout.image_size
+        of_whole = _sigma(how.task, size)
+        prior = _sigma(as_part(how.task, size), size) if is_free else of_whole
         index = [found.names.index(name) for name in ("cx", "cy")]
         offset, V = found.values[index] - np.divide(size, 2.0), found.covariance[np.ix_(index, index)]
         off_middle = float(np.max(np.abs(offset) / np.hypot(of_whole, np.sqrt(np.diagonal(V)))))
@@ -318,10 +312,10 @@ def without_prior(z: Array, V: Array, prior: Array) -> PrincipalPoint:
     return PrincipalPoint(covariance @ np.linalg.solve(V, z), covariance)
 
 
-def _sigma(prior: Prior, object_segments: ObjectSegments, image_size: tuple[int, int]) -> Array:
-    """Standard deviations (2,) of a principal point under a prior, the widest of its stands."""
-    assert prior is not None
-    stands = checked_prior(prior, object_segments if isinstance(object_segments, Field) else None)
+def _sigma(task: Task, image_size: tuple[int, int]) -> Array:
+    """Standard deviations (2,) of a principal point under the prior of a task, the widest of its stands."""
+    assert task.prior is not None
+    stands = checked_prior(task.prior, task.field)
     return principal_point_sigma(max(stand.principal_point for stand in stands), image_size)
 
 

@@ -17,6 +17,7 @@ from fieldcalib.assess.paint_in_view import MarkingInView, paint_share
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration, with_doubts
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
+from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.clip.clip_models import CUT_OUT, CameraModel, Pieces
 from fieldcalib.images.clip.clip_problem import calibrate_frames_alone
@@ -29,10 +30,10 @@ from fieldcalib.images.paint.paint_evidence import Ridges, evidence_of, widths_b
 from fieldcalib.io.image_files import Image
 from fieldcalib.problem.labelled_pixels import PixelTable
 from fieldcalib.problem.layout import PRINCIPAL_POINT
-from fieldcalib.problem.picture_shape import Declared
+from fieldcalib.problem.picture_shape import Declared, is_whole_shape
 from fieldcalib.problem.projection import Projection
 from fieldcalib.solve.from_segments import NOTHING_LABELLED
-from fieldcalib.solve.sequence.joint_solution import OTHER_SIZE
+from fieldcalib.solve.sequence.joint_solution import LARGEST_SIZE_SIGMA, OTHER_SIZE
 
 PAINT_EVERY = 5  # in one frame of so many, and in keyframes, paint beside the markings is looked for
 LEAST_LINES = 0.2  # share of the profiles across the projected markings of a shot that must show a line
@@ -190,14 +191,15 @@ def _other_size(lines: ClipLines, members: tuple[int, ...]) -> tuple[Finding, ..
     task = replace(keyframes.how.task, object_segments=replace(pitch, size_known=False))
     keyframes = replace(keyframes, how=replace(keyframes.how, task=task, estimate_size=True))
     found = keyframes.calibrate(lines.solved.pieces, members, keyframes.accepted)
+    is_other = any(off > max(OTHER_SIZE * sigma, 2.0 * pitch.tolerance) for off, sigma in _sizes_off(found, pitch))
+    size = pitch if found.field is None else found.field
+    return (Finding(What.OTHER_SIZE, numbers=(size.length, size.width)),) if is_other else ()
+
+
+def _sizes_off(found: SequenceCalibration, pitch: Field) -> list[tuple[float, float]]:
+    """By how much length and width, as far as they were estimated, are off those of a pitch, and their deviations."""
     told = {"length": pitch.length, "width": pitch.width}
-    seen = {name: found.shared[name] for name in told if name in found.names}
-    is_other = any(
-        abs(value - told[name]) > max(OTHER_SIZE * sigma, 2.0 * pitch.tolerance)
-        for name, (value, sigma) in seen.items()
-    )
-    size = tuple(float(seen.get(name, (value,))[0]) for name, value in told.items())
-    return (Finding(What.OTHER_SIZE, numbers=size),) if is_other else ()
+    return [(abs(value - told[name]), sigma) for name, (value, sigma) in found.shared.items() if name in told]
 
 
 def _finished_tripod(
@@ -237,14 +239,17 @@ def _calibrated(
 def _with_place_of_picture(calibration: SequenceCalibration, how: How, model: CameraModel) -> SequenceCalibration:
     """Add a doubt to all frames if their principal point is far from the middle although its prior keeps it near.
 
+    So is one if frames that may be parts of wider ones contradict the given size of the field, but hardly determine it:
+    with the principal point open, one wrong line moves it by metres. (Of four such clips none had the right size.)
     Frames that are said to be whole ones, or which part of one, are not asked about.
     """
-    if how.declared is Declared.FRAME:
+    pitch, layout = how.task.field, calibration.layout
+    if how.declared is Declared.FRAME or how.task.given.camera_matrix is not None or layout is None:
         return calibration
-    off = off_middle(calibration, how)
-    if off < OFF_MIDDLE or model.is_window or how.task.given.camera_matrix is not None:
-        return calibration
-    return with_doubts(calibration, range(len(calibration)), CUT)
+    is_off = not model.is_window and off_middle(calibration, how) >= OFF_MIDDLE
+    sizes = [] if pitch is None or is_whole_shape(layout.image_size) else _sizes_off(calibration, pitch)
+    is_odd = any(off > OTHER_SIZE * sigma > OTHER_SIZE * LARGEST_SIZE_SIGMA for off, sigma in sizes)
+    return with_doubts(calibration, range(len(calibration)), CUT) if is_off or is_odd else calibration
 
 
 def finish_clip_again(first: VideoCalibration, lines: ClipLines, images: Iterable[Image]) -> VideoCalibration:

@@ -225,8 +225,7 @@ class Clip:
         check_of_clip(how.task.chosen_flags)
         if how.camera == "moving" and how.task.chosen_flags & CalibrationFlags.CALIB_FIX_POSITION:
             raise ValueError('CALIB_FIX_POSITION is for a camera on a tripod: leave camera="moving" out')
-        network = how.with_network().network
-        network = None if network is None else Padded(network)
+        network = None if (found := how.with_network().network) is None else Padded(found)
         is_free = how.may_be_enlarged and how.task.given.is_empty and network is not None
         on, how = replace(how, network=network, may_be_enlarged=is_free).on_paint().on_side()
         how = how.on_part()

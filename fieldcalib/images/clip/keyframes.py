@@ -26,12 +26,13 @@ from fieldcalib.images.paint.detected_lines import line_loss
 from fieldcalib.images.search.court_search import search_courts
 from fieldcalib.images.search.place_search import Place, place_of, search_from
 from fieldcalib.images.shape.enlarged import Detail, softness_of_shot
-from fieldcalib.images.shape.shape_of_picture import window_prior
+from fieldcalib.images.shape.shape_of_picture import as_part
 from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image, size_of
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
 from fieldcalib.problem.labelled_pixels import PixelTable
 from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.observations import Observations
+from fieldcalib.problem.picture_shape import is_whole_shape
 from fieldcalib.solve.sequence.sequence_solver import calibrate_one_by_one, solve_sequence
 from fieldcalib.solve.solver_options import pixel_unit
 
@@ -100,9 +101,8 @@ class Keyframes:
         """
         how, size = self.how, self.shots.image_size
         frames, model = pieces.frames(members).tolist(), pieces.model_of(members)
-        if model.is_window:
-            prior = window_prior(how.task.prior, how.task.object_segments, size)
-            how = replace(how, task=replace(how.task, prior=prior))
+        if model.is_window or not is_whole_shape(size):
+            how = replace(how, task=as_part(how.task, size))
         if all(piece in self.sized for piece in members):
             how = replace(how, task=replace(how.task, object_segments=self.sized[members[0]]))
         matches = {pair: cells for pair, cells in self.shots.matches.items() if pair not in left_out}

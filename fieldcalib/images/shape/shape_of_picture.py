@@ -29,7 +29,7 @@ from fieldcalib.assess.findings import ENLARGED, IN_WINDOW, SEVERAL_VIEWS, Findi
 from fieldcalib.assess.result import Calibration, in_picture, with_findings
 from fieldcalib.assess.verdict import STEEPLY
 from fieldcalib.assess.video import VideoCalibration
-from fieldcalib.fields.field import Field, ObjectSegments
+from fieldcalib.fields.field import ObjectSegments
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.images.paint.detected_lines import calibrate_on_lines
 from fieldcalib.images.paint.line_profiles import Markings
@@ -43,13 +43,14 @@ from fieldcalib.problem.picture_shape import (
     Crop,
     Declared,
     Placement,
+    frame_around,
     is_whole_shape,
     may_be_squashed,
     wants_neither_shape,
 )
 from fieldcalib.solve.likelier_shape import evidence_of, likelier
 from fieldcalib.solve.request import Task
-from fieldcalib.solve.solver_options import Prior, checked_prior
+from fieldcalib.solve.solver_options import checked_prior
 
 SCORE_OF_SOFTNESS = 5.0  # score of a softness of 1, in the units of `fieldcalib.problem.picture_shape.score_of_part`
 LIKELIER_WHOLE = 1.0  # log evidence for a whole picture against a declared part; of true ones it is -4 to -1
@@ -193,28 +194,34 @@ def _freed(task: Task, image: Image, calibration: Calibration) -> Calibration | 
     """Refine a calibration with a principal point that may lie anywhere; None if that gives no camera."""
     assert calibration.solved is not None
     segments = calibration.field or task.object_segments  # the field may be of another size
-    task = replace(task, object_segments=segments, prior=window_prior(task.prior, segments, size_of(image)))
+    task = as_part(replace(task, object_segments=segments), size_of(image))
     given = ToRefine(image, calibration, calibration.solved.pixels, are_detected=True)
     (refined,) = refine_all(task, Markings.of(segments), [given], quick=True)
     return None if refined.calibration is calibration else refined.judged
 
 
-def window_prior(prior: Prior, object_segments: ObjectSegments, image_size: tuple[int, int]) -> Prior:
-    """Widen the prior of the principal point for pictures that are parts, moving or still, of larger ones.
+def as_part(task: Task, image_size: tuple[int, int]) -> Task:
+    """Widen the prior of a task for pictures that may be parts, moving or still, of larger ones.
 
-    A window with the shape of a whole frame was cut out and enlarged, so its principal point may lie far off. For
-    narrower pictures the prior allows for that already (`principal_point_sigma`).
+    A part with the shape of a whole frame was cut out and enlarged, so its principal point may lie far off. For
+    narrower ones the prior allows for that already (`principal_point_sigma`), but not for the focal length of a frame,
+    which is long for their width. In a clip the prior counts in every frame, and would outweigh the labels.
 
     Examples
     --------
     >>> from fieldcalib import soccer
-    >>> window_prior("main center", soccer(), (960, 540))[0].principal_point
-    0.15
+    >>> task = Task(soccer(), prior="main center")
+    >>> as_part(task, (960, 540)).prior[0].principal_point, as_part(task, (480, 540)).prior[0].fov
+    (0.15, (4.1, 90))
     """
-    if prior is None or not is_whole_shape(image_size):
-        return prior
-    stands = checked_prior(prior, object_segments if isinstance(object_segments, Field) else None)
-    return tuple(replace(one, principal_point=max(one.principal_point, ENLARGED_SHARE)) for one in stands)
+    if task.prior is None:
+        return task
+    share, stands = image_size[0] / frame_around(image_size)[0], checked_prior(task.prior, task.field)
+    if is_whole_shape(image_size):
+        some = [replace(one, principal_point=max(one.principal_point, ENLARGED_SHARE)) for one in stands]
+    else:
+        some = [one if one.frame else replace(one, fov=(share * one.fov[0], one.fov[1])) for one in stands]
+    return replace(task, prior=tuple(some))
 
 
 def of_part_of_frames(task: Task, part: Crop) -> Task:

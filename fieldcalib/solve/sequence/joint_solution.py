@@ -37,6 +37,7 @@ from fieldcalib.problem.layout import CENTER, CROWN, LOG_F, Layout, Role, SizeBl
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.observations import Observations, pack
 from fieldcalib.solve.initial_cameras import given_cameras
+from fieldcalib.solve.request import Options
 from fieldcalib.solve.sequence.background_matches import with_tied
 from fieldcalib.solve.sequence.sequence_problem import PixelNoise, SequenceProblem, SharedParameters
 from fieldcalib.solve.sequence.tripod_position import ACCELERATION
@@ -123,14 +124,11 @@ class Start(NamedTuple):
 
         A size that is known here, and a crown of which nothing is known yet, are as given.
         """
-        index, old = self.frames, {name: k for k, name in enumerate(self.layout.names)}
-        theirs = np.array([self.theta[t] for t in index.tolist()])
-        theta = np.zeros((count, layout.size))
+        index, theta = self.frames, np.zeros((count, layout.size))
         if layout.field_size is not None:
-            theta[:, layout.field_size_block], theta[:, layout.crown_block] = layout.field_size.given, 0.0
-        for column, name in enumerate(layout.names):
-            if name in old:
-                theta[index, column] = theirs[:, old[name]]
+            theta[:, layout.field_size_block] = layout.field_size.given
+        _, columns, old = np.intersect1d(layout.names, self.layout.names, return_indices=True)
+        theta[np.ix_(index, columns)] = np.array([self.theta[t] for t in index.tolist()])[:, old]
         same = layout.roles != Role.FRAME
         theta[:, same] = np.median(theta[np.ix_(index, same)], axis=0)
         return theta
@@ -354,7 +352,7 @@ def solved_together(problem: SequenceProblem, start: Start, fixed_sizes: Mapping
     options = problem.options
     index, evaluation = joint_start(problem, start, fixed_sizes)
     solved = levenberg_marquardt(
-        evaluation, max_iterations=options.max_iterations, tolerance=options.tolerance
+        _at_given_sizes(evaluation, options), max_iterations=options.max_iterations, tolerance=options.tolerance
     ).evaluation
     sigma, kappa = pooled_noise(solved)
     system, layout = ReducedSystem.of(solved, sigma, kappa), solved.problem.layout
@@ -364,6 +362,23 @@ def solved_together(problem: SequenceProblem, start: Start, fixed_sizes: Mapping
         # a size that is not estimated makes it less certain; it is the last parameter
         crown = crown._replace(sigma=float(np.sqrt(considered.covariance[-1, -1])))
     return JointSolution(index, solved, considered, noise, fixed_sizes, crown=crown)
+
+
+def _at_given_sizes(start: Evaluation, options: Options) -> Evaluation:
+    """Frames on a field of the given size, as far as it is not estimated.
+
+    Cameras that were solved on another one are moved with it, along what the labels leave open: otherwise all markings
+    at one of its ends would be metres off.
+    """
+    problem, layout, theta = start.problem, start.problem.layout, start.theta.copy()
+    block, is_kept = layout.field_size_block, layout.considered & ~layout.is_crown
+    if layout.field_size is not None:
+        theta[:, block] = np.where(is_kept[block], layout.field_size.given, theta[:, block])
+    if np.array_equal(theta, start.theta):
+        return start
+    held = start.of(replace(problem, layout=layout.with_roles_of(is_kept, Role.SHARED))).held(is_kept, theta)
+    moved = levenberg_marquardt(held, max_iterations=options.max_iterations, tolerance=options.tolerance).evaluation
+    return evaluate(problem, np.where(is_kept, theta, moved.theta))
 
 
 def solved_with_known_sizes(problem: SequenceProblem, start: Start) -> JointSolution:

@@ -38,7 +38,7 @@ from fieldcalib.fields.field import ObjectSegments
 from fieldcalib.problem.evaluation import Evaluation
 from fieldcalib.problem.frame_ties import BackgroundPairs, BackgroundTerm
 from fieldcalib.problem.labelled_pixels import ImageSegments, PixelTable, Weights
-from fieldcalib.problem.layout import CENTER, GaussianPrior, Layout, Role
+from fieldcalib.problem.layout import CENTER, Layout, Role
 from fieldcalib.problem.levenberg_marquardt import FAR, levenberg_marquardt
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.solve.batch import CHUNK, checked_batch
@@ -69,7 +69,6 @@ from fieldcalib.solve.solver_options import CalibrationFlags, Prior, default_fla
 WIDTHS = (25.0, 5.0)  # factors of the scale of the loss, in turn: lines are 20 to 100 px off after wrong starts
 FEW = 30  # largest number of iterations with each factor,
 APPROACHED = 1e-3  # and relative decrease of the cost at which the next factor takes over
-HELD = 1e-6  # prior standard deviation, in any unit, that keeps a parameter at its value
 SAME = 0.3  # m: centres nearer to each other than this belong to the same minimum
 APART = 11.3  # squared distance in standard deviations: 99 % of chi-squared with three degrees of freedom
 AS_GOOD = 4.0  # difference in cost that noise explains: three standard deviations, a probability of one in fifty
@@ -269,11 +268,8 @@ def _narrowing(start: Evaluation, widths: Sequence[float], max_iterations: int, 
 
 def _own_parameters_solved(start: Evaluation, max_iterations: int) -> Evaluation:
     """Solve for the frames' own parameters; shared parameters are kept."""
-    layout, theta = start.problem.layout, start.theta
-    prior = start.problem.prior or GaussianPrior(theta, np.full_like(theta, np.inf))
-    held = layout.roles == Role.SHARED
-    prior = GaussianPrior(np.where(held, theta, prior.mean), np.where(held, HELD, prior.sigma))
-    return _narrowing(start.of(replace(start.problem, prior=prior)), WIDTHS, max_iterations, APPROACHED)
+    held = start.held(start.problem.layout.roles == Role.SHARED, start.theta)
+    return _narrowing(held, WIDTHS, max_iterations, APPROACHED)
 
 
 def _other_centres(found: Sequence[Evaluation], best: Evaluation, covariance: Array) -> list[Array]:

@@ -12,10 +12,11 @@ from fieldcalib.assess.advice import WHICH_PART
 from fieldcalib.assess.findings import Verdict, What
 from fieldcalib.assess.label_errors import is_contradicted
 from fieldcalib.assess.paint_in_view import MarkingInView
-from fieldcalib.images.clip.clip_models import ALONE, CUT_OUT, MOVING, WINDOW, HeldOut, Pieces, parts
+from fieldcalib.images.clip.clip_models import ALONE, CUT_OUT, MOVING, TRIPOD, WINDOW, HeldOut, Pieces, parts
 from fieldcalib.images.clip.finished_clip import (
     UNTIED,
     ClipLines,
+    _with_place_of_picture,
     find_clip_lines,
     finish_clip,
     finish_clip_again,
@@ -31,6 +32,7 @@ from fieldcalib.solve.request import Task
 from fieldcalib.solve.sequence.background_matches import cell_means
 
 FIELD = soccer()
+CUT = (304, 540)  # out of the middle of `SIZE`
 
 
 def clip_of(cameras, seed=0, noise=0.5, piece=None, loose=None):
@@ -64,6 +66,35 @@ def calibrated(found):
     """The calibration of each frame."""
     tripods = [(found.pieces.frames(one.pieces).tolist(), one.calibration) for one in found.tripods]
     return {t: one for frames, calibration in tripods for t, one in zip(frames, calibration, strict=True)}
+
+
+def test_frames_that_were_cut_out_have_the_focal_length_of_their_whole_ones():
+    """The prior of whole pictures 608 px wide, in each of 40 frames, outweighs the labels: a third too short."""
+    pans = np.linspace(-0.05, 0.05, 40)
+    whole = [Camera.from_angles(pan, 1.38, 0.0, 6000.0, (0.0, 95.0, -18.0), (1920, 1080)) for pan in pans]
+    found = together(clip_of([camera.cropped((656, 0), (608, 1080)) for camera in whole], noise=1.0))
+    f = [one.required_camera.focal_length for one in found]
+    np.testing.assert_allclose(f, 6000.0, rtol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("width", "sigma", "size", "is_doubted"),
+    [
+        (62.0, 0.9, (304, 540), True),
+        (62.0, 0.3, (304, 540), False),
+        (66.0, 0.9, (304, 540), False),
+        (62.0, 0.9, SIZE, False),
+    ],
+)
+def test_a_part_whose_size_of_the_field_is_odd_and_hardly_told_is_doubted(width, sigma, size, is_doubted):
+    """A wrong line may be the reason, where the principal point is open."""
+    cameras = [one if size == SIZE else one.cropped((328, 0), CUT) for one in panned(4, -0.02, 0.02)]
+    found, how = together(clip_of(cameras)), How(Task(FIELD))
+    found = replace(found, names=("width",), values=np.array([width]), covariance=np.array([[sigma**2]]))
+    judged = _with_place_of_picture(found, how, TRIPOD)
+    assert all(one.has_finding(What.PART) == is_doubted for one in judged if one.camera is not None)
+    declared = replace(how, declared=Declared.FRAME)
+    assert _with_place_of_picture(found, declared, TRIPOD) is found
 
 
 @pytest.mark.parametrize(

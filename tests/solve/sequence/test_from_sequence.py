@@ -241,6 +241,21 @@ def test_further_frames_determine_a_size_that_the_first_ones_do_not():
     assert found.shared_parameters(problem).object_segments.length == pytest.approx(98.0, abs=0.5)
 
 
+def test_a_size_that_the_frames_do_not_tell_is_as_given_from_cameras_on_another_one():
+    """These are moved with it, along what the labels leave open."""
+    frames = shorter_pitch((0.42, 0.45, 0.48, 0.51), 0.5, length=105.0)
+    table, found = PixelTable.of(tuple(FIELD), frames), []
+    problem = SequenceProblem.of(Task(FIELD).options(SIZE), table, SHARED)
+    for field in (FIELD, soccer(101.0)):
+        options = Task(field).options(SIZE)
+        alone = SequenceProblem.of(options, table, SHARED).calibrate_alone(np.arange(len(frames)), options)
+        found.append(solved_with_known_sizes(problem, Start.of(alone)))
+    assert all("length" in one.fixed_sizes for one in found)
+    given, moved = (one.evaluation.theta for one in found)
+    assert np.all(moved[:, found[1].layout.names.index("length")] == 105.0)
+    np.testing.assert_allclose(moved[:, CENTER], given[:, CENTER], atol=0.01)
+
+
 def test_a_court_is_to_be_known_to_a_share_of_its_size():
     """What is little on a soccer pitch is much on a court of badminton: 15 cm are more than half of its tolerance."""
     field, rng = badminton(), np.random.default_rng(0)
