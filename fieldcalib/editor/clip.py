@@ -176,8 +176,7 @@ def first_pass(
     """Match the frames of a window, and label its keyframes by the network, or by search for the court without one."""
     mount: Mount = "moving" if options.get("camera") == "moving" else "tripod"
     estimate_size = options.get("field_size", "estimated") == "estimated"
-    padded = None if network is None else Padded(network)
-    how = How(Task(field), padded, camera=mount, estimate_size=estimate_size).on_paint()
+    how = How(Task(field), network and Padded(network), camera=mount, estimate_size=estimate_size).on_paint()
     shape = ShapeEstimator(how).shape(_readable(frames, window))
     images = _in_frame(_counted(_readable(frames, window), window, progress, STAGES[0]), shape)
     tied = linked_frames(tied_frames(images, moving=not how.is_on_tripod), moving=not how.is_on_tripod)

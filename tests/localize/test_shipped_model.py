@@ -48,7 +48,7 @@ def test_upright_parts_are_seen_better_at_their_own_size(network):
         made = frame(seed)
         for x in rng.integers(512 - 180, size=3):
             image, mask = (np.ascontiguousarray(one[:, x : x + 180]) for one in (made.image, made.mask))
-            found = [one([image])[0].argmax(axis=0) for one in (network, Padded(network), stretched)]
+            found = [one([image])[0].argmax(axis=0) for one in (network, Padded(stretched), stretched)]
             where = np.argwhere(mask > 0)
             cells = [tuple((where * classes.shape // mask.shape).T) for classes in found]
             right.append([np.mean(one[at] == mask[tuple(where.T)]) for one, at in zip(found, cells, strict=True)])
