@@ -42,7 +42,7 @@ Curves: TypeAlias = tuple[LongLines, Sequence[Ellipse]]  # long lines and ellips
 
 GRID = 7  # points of the field along and across at which cameras are compared
 BEYOND = 0.1  # share of the picture beyond its border within which the field is compared
-OTHER = 20.0  # px: cameras whose grids differ by more than this in the median are different cameras
+OTHER = 30.0  # px: cameras whose grids differ by more than this in the median are different cameras
 
 MOST_STEPS = 10  # of `Field.repeats` by which a camera is moved: half the length of an American football field
 LINES = 16  # long lines used for hypotheses: 15 do as well as 26

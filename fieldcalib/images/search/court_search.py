@@ -32,7 +32,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, lru_cache
 from itertools import islice
 
 import numpy as np
@@ -61,7 +61,7 @@ from fieldcalib.images.search.court_ranking import (
     moved_by_steps,
     seen_grids,
 )
-from fieldcalib.images.search.stripe_likelihood import MarkingPoints
+from fieldcalib.images.search.stripe_likelihood import MarkingPoints, StripeMaps
 from fieldcalib.io.image_files import Image, checked_image, size_of
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, Prior, pixel_unit
@@ -74,31 +74,28 @@ FOUND = Finding(What.SEARCHED)
 EXPLAINED = 6.0  # px from a projected marking within which a stripe lies on it
 SPACING = 1.0 / 320.0  # distance of the points of markings, in units of the field's diagonal
 MARGIN = 0.02  # of the half extent: markings at the border of the field belong to it
-# Fitted by `python -m data_tools.score_courts fit` to the cameras found in 605 pictures, in 291 of which one is right:
+# Fitted by `python -m data_tools.score_courts fit` to the cameras found in 443 pictures, in 238 of which one is right:
 # frames of clips, rinks, a hall, synthetic frames and rendered views of measured cameras under their own field; courts,
-# rinks and soccer under other fields.
-COEFFICIENTS = np.array([-6.52, 1.94, 9.95, -8.09, 0.73, 3.97, -0.52, -0.88, -3.71])
-# Least probability of an accepted camera. In 328 pictures searched for the right field (`data_tools.score_courts`) the
-# first camera is right in 289. Of these 272 are accepted with this threshold and 268 with 0.75; of the wrong ones 7
-# with either. None is accepted in 256 pictures searched for other fields.
+# rinks, a hall, soccer and no field under other fields.
+COEFFICIENTS = np.array([-2.28, 2.91, 4.81, -8.63, 2.02, -1.25, -1.65, -4.86, 1.66, -1.02])
+# Least probability of an accepted camera. In 264 pictures searched for the right field a camera is right in 238. Of
+# these 233 are accepted with this threshold and 232 with 0.75; of the wrong ones one with either. None is accepted in
+# 179 pictures searched for other fields; not counted is that of the NBA on a floor of FIBA, accepted in four of four.
 LEAST_PROBABILITY = 0.65
 # Seen from above, rectangles of one field look like those of another: in 117 pictures searched for other fields wrong
 # cameras have up to 0.92, while right ones have 1.00 in nine drone pictures and 30 rendered ones.
 LEAST_PROBABILITY_ABOVE = 0.95
-# Factor of the odds of cameras that lie on edges of areas too: pictures are full of these. Of 131 pictures searched for
-# such cameras alone, 54 have a right one, in 48 with odds above 10; wrong ones have at most 0.4, two 8 and 130.
-WITH_EDGES = 0.1
 LEAST_SCORE = 250.0  # with a lower score the markings in view must show their paint, as three lines fit many cameras
-UNKNOWN = 0.5  # `CourtEvidence.painted` if no marking's paint should be visible
-LEAST_MEAN, LEAST_MISFIT = 0.2, 0.05  # lower limits of the evidence: smaller values carry no more information
+LEAST_MEAN, LEAST_MISFIT = 0.2, 0.3  # lower limits of the evidence: smaller values carry no more information
 MOST_RIVAL = 1.3  # upper limit of `CourtEvidence.runner_up`
 MOST_OFF = 3  # upper limit of `CourtEvidence.off`
+MOST_FURNITURE = 40.0  # upper limit of `CourtEvidence.furniture`
 # limits of explained, runner_up, paint, mean and confirmed beyond which they are given as doubts
 FEW_EXPLAINED, RIVAL, LITTLE_PAINT, LITTLE, FEW_CONFIRMED = 0.85, 0.9, 0.7, 1.2, 4
 POINTS = 300  # of the field, at which cameras are compared with stripes
 FLOORS = ("floor", "wood")  # surfaces of halls, with lines of several sports, some of them darker than the ground
 PAINTS = 2  # paints whose stripes are searched alone, if the search among all stripes is not sure
-ENOUGH = 0.95  # probability of a camera above which no other stripes are searched
+ENOUGH = 0.99  # probability of a camera above which no other stripes are searched
 # Logarithm of the odds that a camera leads to a right one if it is refined: constant, and coefficients of the logarithm
 # of `CourtEvidence.mean`, of `explained` and of `runner_up`, fitted to 1,525 cameras in 179 pictures. Of each right
 # and accepted camera at least one start has -2.5 or more; of those that lead to none, two thirds have less than -3.
@@ -204,23 +201,26 @@ class CourtEvidence:
     """Share of the points in view whose paint should be found; far lines are too thin."""
     confirmed: int
     """Number of markings that show paint nearly everywhere, at enough places."""
-    painted: float
-    """Share of the markings whose paint should be visible that show it nearly everywhere; `UNKNOWN` without any such,
-    as far lines of large fields are thin."""
     off: int
     """Number of markings that lie beside their paint, or that show none."""
     misfit: float
     """Root mean square distance of the lines from their markings, pixels of a 960 x 540 image."""
     is_above: bool
     """Whether the camera stands above the field, as few do; false if it was searched for there."""
+    furniture: float
+    """Log likelihood ratio of what is projected above the ground, as posts, nets, rims and backboards."""
+    has_edges: bool
+    """Whether the camera was found among edges of areas too, of which pictures are full."""
 
     @property
     def features(self) -> Array:
-        """Features of the logistic model, (9,): 1 and the evidence; mean, confirmed and misfit as logarithms."""
+        """Features of the logistic model, (10,): 1 and the evidence; mean, confirmed and misfit as logarithms."""
         mean, runner_up = np.log(max(self.mean, LEAST_MEAN)), min(self.runner_up, MOST_RIVAL)
         confirmed, misfit = np.log1p(self.confirmed), np.log(max(self.misfit, LEAST_MISFIT))
-        off, above = min(self.off, MOST_OFF), float(self.is_above)
-        return np.array([1.0, mean, self.explained, runner_up, confirmed, self.painted, off, misfit, above])
+        off, above, edges = min(self.off, MOST_OFF), float(self.is_above), float(self.has_edges)
+        # furniture that is not found is no evidence: boards are folded, nets taken down
+        furniture = min(max(self.furniture, 0.0), MOST_FURNITURE) / MOST_FURNITURE
+        return np.array([1.0, mean, self.explained, runner_up, confirmed, off, misfit, above, furniture, edges])
 
     @property
     def odds(self) -> float:
@@ -395,9 +395,7 @@ class _Candidate:
     @property
     def odds(self) -> float:
         """Odds that the camera is right; 0 if its errors are not known."""
-        if self.refined.calibration.solved is None:
-            return 0.0
-        return (WITH_EDGES if _field_of(self.refined).lines.lighter is None else 1.0) * self.evidence.odds
+        return 0.0 if self.refined.calibration.solved is None else self.evidence.odds
 
 
 @dataclass(frozen=True, eq=False)
@@ -437,22 +435,25 @@ def _searches(task: Task, field: Field, picture: PictureToSearch, *, estimate_si
 
 def _candidates(task: Task, field: Field, picture: PictureToSearch, *, sized: bool) -> Iterator[list[_Candidate]]:
     """Yield the candidates from all stripes; in halls then from the floor's, each paint's, darker ones, and edges."""
-    in_hall = field.surface in FLOORS
+
+    def search(stripes: PictureStripes, court: Field = field) -> list[_Candidate]:
+        are_cut_out = court.lines.lighter == field.lines.lighter and is_often_cut_out(field)
+        ranked = stripes.ranked(court, are_cut_out=are_cut_out)
+        return _of_ranked(replace(task, object_segments=court), picture, stripes, ranked, sized=sized)
+
     stripes = picture.stripes(lighter=field.lines.lighter)
-    search = partial(_searched, task, picture.image, are_cut_out=is_often_cut_out(field), sized=sized)
     yield search(stripes)
     if stripes.bend.a != 0.0:
         yield search(stripes.unbent)  # arcs of circles may have been mistaken for lines that a lens has bent
-    for lighter in dict.fromkeys((field.lines.lighter, not field.lines.lighter, None)) if in_hall else ():
+    for lighter in (
+        dict.fromkeys((field.lines.lighter, not field.lines.lighter, None)) if field.surface in FLOORS else ()
+    ):
         court = replace(field, lines=replace(field.lines, lighter=lighter))
-        own = replace(task, object_segments=court)
-        are_cut_out = lighter == field.lines.lighter and is_often_cut_out(field)
-        search = partial(_searched, own, picture.image, are_cut_out=are_cut_out, sized=sized)
         stripes = picture.stripes(lighter=lighter, on_floor=True)
-        yield search(stripes)
+        yield search(stripes, court)
         if lighter is not None:
             for paint in stripes.colours.paints(stripes.on_lines)[:PAINTS]:
-                yield search(stripes.take(np.flatnonzero(paint)))
+                yield search(stripes.take(np.flatnonzero(paint)), court)
 
 
 def _candidates_from_above(
@@ -462,24 +463,23 @@ def _candidates_from_above(
     if task.prior == ALL:
         stripes = picture.stripes(lighter=field.lines.lighter)
         ranked = stripes.ranked_from_above(field)
-        yield _of_ranked(task, picture.image, stripes, ranked, sized=sized, from_above=True)
-
-
-def _searched(task: Task, image: Image, stripes: PictureStripes, *, are_cut_out: bool, sized: bool) -> list[_Candidate]:
-    """Find the cameras that explain some stripes: rank hypotheses, refine the best different ones, weigh the evidence.
-
-    `sized`: also estimate the size of the field. `are_cut_out`: the picture may be cut out of a larger one.
-    """
-    assert task.field is not None
-    ranked = stripes.ranked(task.field, are_cut_out=are_cut_out)
-    return _of_ranked(task, image, stripes, ranked, sized=sized)
+        yield _of_ranked(task, picture, stripes, ranked, sized=sized, from_above=True)
 
 
 def _of_ranked(
-    task: Task, image: Image, stripes: PictureStripes, ranked: Ranked, *, sized: bool, from_above: bool = False
+    task: Task,
+    picture: PictureToSearch,
+    stripes: PictureStripes,
+    ranked: Ranked,
+    *,
+    sized: bool,
+    from_above: bool = False,
 ) -> list[_Candidate]:
-    """Refine the best different cameras of a ranked search, and weigh the evidence."""
-    field = task.field
+    """Refine the best different cameras of a ranked search, and weigh the evidence.
+
+    `sized`: also estimate the size of the field.
+    """
+    field, image = task.field, picture.image
     assert field is not None
     if task.side == OPPOSITE:
         ranked = ranked.turned
@@ -499,7 +499,8 @@ def _of_ranked(
     found = with_errors(task, field, image, _merged([one for one in refined if one is not None], field))
     if sized:
         found = [on_field_as_seen(task, image, one.calibration) or one for one in found]
-    evidence = [_evidence(stripes, rivals, one) for one in found]
+    above = picture.stripes(lighter=True).maps
+    evidence = [_evidence(stripes, above, rivals, one) for one in found]
     if from_above:
         evidence = [replace(one, is_above=False) for one in evidence]
     return [_Candidate(*one, stripes, from_above) for one in zip(found, evidence, strict=True)]
@@ -535,13 +536,12 @@ def is_promising(stripes: PictureStripes, rivals: Rivals, field: Field, camera: 
     return bool(most >= 0.0 and most >= PROMISE[2] * (1.0 - explained(stripes, field, camera)))
 
 
-def _evidence(stripes: PictureStripes, rivals: Rivals, refined: Refined) -> CourtEvidence:
-    """Collect the evidence for a camera, and against it from its rivals."""
+def _evidence(stripes: PictureStripes, above: StripeMaps, rivals: Rivals, refined: Refined) -> CourtEvidence:
+    """Collect the evidence for a camera, and against it from its rivals; `above` has stripes off the floor too."""
     field, size = _field_of(refined), stripes.maps.size
     camera = refined.calibration.required_camera.scaled(size)
     score, weight, shown = stripes.maps.score(camera, MarkingPoints.of(field, POINTS))
     markings = () if refined.paint is None else refined.paint.markings
-    expected = [one for one in markings if one.is_expected]
     return CourtEvidence(
         score=score,
         mean=score / max(shown, 1.0),
@@ -550,10 +550,11 @@ def _evidence(stripes: PictureStripes, rivals: Rivals, refined: Refined) -> Cour
         paint=refined.paint_share,
         visible=shown / max(weight, 1.0),
         confirmed=sum(one.is_confirmed for one in markings),
-        painted=float(np.mean([one.is_painted for one in expected])) if expected else UNKNOWN,
         off=sum(one.is_off for one in markings),
         misfit=float(refined.calibration.rms / pixel_unit(refined.calibration.required_camera.image_size)),
         is_above=bool(np.all(np.abs(camera.C[:2]) < ABOVE * np.array(field.half_extent))),
+        furniture=above.score(camera, MarkingPoints.of(field, POINTS, are_above=True))[0],
+        has_edges=field.lines.lighter is None,
     )
 
 

@@ -32,7 +32,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rotation import rotation_from_vector
 from fieldcalib.images.paint.line_profiles import Markings
-from fieldcalib.images.search.court_hypotheses import Cameras
+from fieldcalib.images.search.court_hypotheses import Cameras, unit
 from fieldcalib.images.search.stripes import Stripes
 from fieldcalib.problem.projection import pinhole_derivatives
 
@@ -110,7 +110,8 @@ class StripeMaps:
         Returns its log likelihood ratio, the number of independent points in view, and how many of these are expected
         to be found.
         """
-        ways = np.stack([points.along, np.cross(points.along, DOWN)])
+        across = unit(np.cross(points.along, np.where(points.X[:, 2:] == 0.0, DOWN, points.X - camera.C)))
+        ways = np.stack([points.along, across])
         xy = camera.project(points.X)
         (dx, dy), (nx, ny) = np.moveaxis(camera.project(points.X + AHEAD * ways) - xy, -1, 1) / AHEAD
         direction, stretch = np.arctan2(dy, dx), np.hypot(dx, dy)
@@ -162,7 +163,7 @@ def _ratio(distance: Float32, density: Float32, sigma: float) -> Float32:
 
 @dataclass(frozen=True, eq=False)
 class MarkingPoints:
-    """N points of painted markings on the ground."""
+    """N points of painted markings on the ground, or of what is above it."""
 
     X: Array
     """Points, metres, (N, 3)."""
@@ -175,17 +176,20 @@ class MarkingPoints:
 
     @staticmethod
     @lru_cache(maxsize=16)
-    def of(field: Field, count: int) -> MarkingPoints:
-        """Sample about `count` points in even steps on the paint of all markings on the ground together."""
+    def of(field: Field, count: int, *, are_above: bool = False) -> MarkingPoints:
+        """Sample about `count` points in even steps on the paint of all markings on the ground together.
+
+        `are_above`: on those above the ground, such as posts, nets and backboards.
+        """
         markings = Markings.of(field)
         step = _steps(markings)
-        ground = np.flatnonzero(markings.on_ground & ~_is_gap(field, markings, step))
-        every = max(np.sum(step[ground]) / count, 1e-9)
-        cell = np.floor((np.cumsum(step[ground]) - 0.5 * step[ground]) / every).astype(np.intp)
+        own = np.flatnonzero((markings.on_ground != are_above) & ~_is_gap(field, markings, step))
+        every = max(np.sum(step[own]) / count, 1e-9)
+        cell = np.floor((np.cumsum(step[own]) - 0.5 * step[own]) / every).astype(np.intp)
         chosen, first = np.unique(cell, return_index=True)
         last = np.append(first[1:], len(cell)) - 1
-        taken = ground[(first + last) // 2]
-        spacing = np.asarray(np.bincount(np.searchsorted(chosen, cell), step[ground], len(chosen)), dtype=float)
+        taken = own[(first + last) // 2]
+        spacing = np.asarray(np.bincount(np.searchsorted(chosen, cell), step[own], len(chosen)), dtype=float)
         return MarkingPoints(markings.X[taken], markings.along[taken], spacing, markings.width[taken])
 
 

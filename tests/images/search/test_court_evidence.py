@@ -18,7 +18,7 @@ from fieldcalib.images.search.long_lines import Bend
 
 SIZE = (1280, 720)
 TENNIS = Camera.from_angles(np.radians(92), np.radians(76), 0.01, 2300.0, (-38.0, 1.0, -10.0), SIZE)
-EVIDENCE = CourtEvidence(500.0, 2.5, 0.95, 0.6, 0.9, 0.7, 8, 0.9, 0, 0.4, False)
+EVIDENCE = CourtEvidence(500.0, 2.5, 0.95, 0.6, 0.9, 0.7, 8, 0, 0.4, False, 20.0, False)
 
 
 @pytest.mark.property
@@ -40,15 +40,20 @@ def test_probabilities_of_cameras_that_differ_add_up_to_less_than_one(odds, seed
         {"explained": 0.6},
         {"runner_up": 1.0},
         {"confirmed": 2},
-        {"painted": 0.4},
         {"off": 2},
         {"is_above": True},
+        {"furniture": 5.0},
+        {"has_edges": True},
     ],
     ids=str,
 )
 def test_worse_evidence_has_smaller_odds(worse):
     assert replace(EVIDENCE, **worse).odds < EVIDENCE.odds
     assert EVIDENCE.odds > 10.0
+
+
+def test_furniture_that_is_not_found_is_no_evidence():
+    assert replace(EVIDENCE, furniture=-50.0).odds == replace(EVIDENCE, furniture=0.0).odds
 
 
 def test_the_fit_recovers_coefficients():

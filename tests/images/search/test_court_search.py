@@ -41,7 +41,7 @@ from fieldcalib.images.search.stripe_likelihood import (
     projected,
     pulled,
 )
-from fieldcalib.images.search.stripes import StripeColours, find_stripes
+from fieldcalib.images.search.stripes import StripeColours, Stripes, find_stripes
 from fieldcalib.io.videos import VideoReader
 from fieldcalib.localize import SegmentationNetwork
 
@@ -340,6 +340,20 @@ def test_the_true_camera_is_likelier_than_others():
     score = maps.scores(cameras, points)
     assert np.all(np.diff(score) < -10)
     assert abs(maps.score(TENNIS, points)[0] - score[0]) < 0.02 * score[0]
+
+
+def test_what_is_above_the_ground_tells_cameras_apart():
+    field = basketball("nba")
+    camera = Camera.from_angles(0.3, np.radians(72), 0.0, 1700.0, (2.0, 28.0, -9.0), SIZE)
+    points = MarkingPoints.of(field, 300, are_above=True)
+    assert np.all(points.X[:, 2] < -2.0)  # rims and backboards
+    ahead, xy = camera.project(points.X + 0.01 * points.along), camera.project(points.X)
+    seen = np.all((xy > 0.0) & (xy < SIZE), axis=1)
+    angle = np.mod(np.arctan2(*(ahead - xy).T[::-1]), np.pi)[seen]
+    maps = StripeMaps.of(Stripes(xy[seen], angle, np.full(len(angle), 50.0), SIZE))
+    right, weight, shown = maps.score(camera, points)
+    assert right > 2.0 * shown > weight > 10.0
+    assert maps.score(camera.moved(camera.R, camera.C + (1.0, 0.0, 0.0)), points)[0] < 0.2 * right
 
 
 # The search
