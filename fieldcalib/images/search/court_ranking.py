@@ -77,12 +77,6 @@ class Ranked:
         return self.bend.bent(xy)
 
 
-def rank_from_above(lines: LongLines, maps: StripeMaps, field: Field, bend: Bend) -> Ranked:
-    """Find cameras that look down on a field, and rank them as `rank_cameras` does."""
-    found = hypotheses(lines, field, maps.size, from_above=True)
-    return Ranked(*_ranked(maps, found, field, are_above), bend)
-
-
 def rank_cameras(curves: Curves, maps: StripeMaps, field: Field, bend: Bend, *, are_cut_out: bool) -> Ranked:
     """Find cameras that explain the long lines and ellipses of a picture, and rank them by all its stripes.
 
@@ -347,7 +341,8 @@ class PictureStripes:
 
     def ranked_from_above(self, court: Field) -> Ranked:
         """Rank the cameras that look down on a field."""
-        return rank_from_above(self.lines, self.straight_maps, court, self.bend)
+        found = hypotheses(self.lines, court, self.maps.size, from_above=True)
+        return Ranked(*_ranked(self.straight_maps, found, court, are_above), self.bend)
 
     def ranked(self, court: Field, *, are_cut_out: bool) -> Ranked:
         """Rank the cameras for a field, once; `are_cut_out` as in `rank_cameras`."""

@@ -438,8 +438,8 @@ def _candidates(task: Task, field: Field, picture: PictureToSearch, *, sized: bo
 
     def search(stripes: PictureStripes, court: Field = field) -> list[_Candidate]:
         are_cut_out = court.lines.lighter == field.lines.lighter and is_often_cut_out(field)
-        ranked = stripes.ranked(court, are_cut_out=are_cut_out)
-        return _of_ranked(replace(task, object_segments=court), picture, stripes, ranked, sized=sized)
+        ranked, own = stripes.ranked(court, are_cut_out=are_cut_out), replace(task, object_segments=court)
+        return _of_ranked(own, picture, stripes, ranked, sized=sized, from_above=False)
 
     stripes = picture.stripes(lighter=field.lines.lighter)
     yield search(stripes)
@@ -462,18 +462,11 @@ def _candidates_from_above(
     """Yield the candidates that look down on the field, if cameras may stand anywhere."""
     if task.prior == ALL:
         stripes = picture.stripes(lighter=field.lines.lighter)
-        ranked = stripes.ranked_from_above(field)
-        yield _of_ranked(task, picture, stripes, ranked, sized=sized, from_above=True)
+        yield _of_ranked(task, picture, stripes, stripes.ranked_from_above(field), sized=sized, from_above=True)
 
 
 def _of_ranked(
-    task: Task,
-    picture: PictureToSearch,
-    stripes: PictureStripes,
-    ranked: Ranked,
-    *,
-    sized: bool,
-    from_above: bool = False,
+    task: Task, picture: PictureToSearch, stripes: PictureStripes, ranked: Ranked, *, sized: bool, from_above: bool
 ) -> list[_Candidate]:
     """Refine the best different cameras of a ranked search, and weigh the evidence.
 
