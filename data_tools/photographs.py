@@ -5,8 +5,9 @@
     python -m data_tools.photographs fit FILE... [--frames N] [--seed N]
 
 Cameras stand where people hold a phone or put up a camera: behind an end, at a corner and beside the field, at the
-height of a hand and raised; and on the stands of the field, as those of broadcasts do. Pictures are 16:9, 4:3 and 3:2,
-and small ones. They show a quarter of the field at least, whose lines are painted some centimetres elsewhere.
+height of a hand and raised, with action cameras of 100 to 150 degrees, or with drones that look down by 45 to 90
+degrees; and on the stands of the field, as those of broadcasts do. Pictures are 16:9, 4:3 and 3:2, and small ones. They
+show a quarter of the field at least, whose lines are painted some centimetres elsewhere.
 
 `take` renders and calibrates N pictures of each kind with the defaults, soccer by the network and other fields by
 search. A line of JSON for each kind and for each size says how many there are, and how many are accepted, right, good
@@ -65,6 +66,8 @@ HAND, LOWEST, HIGHEST = (1.2, 2.2), 3.0, 0.3  # m; raised: the least height, and
 NEAR, FAR = (0.1, 0.5), (0.2, 1.5)  # from the field, in shares of its width: in the hand and raised
 FOV, FOV_RAISED = (45.0, 85.0), (20.0, 70.0)
 PAINT = 2.0  # most of the deviation of lines from where they should be, in units of the usual one: no court is exact
+ACTION, FOV_ACTION = "action camera", (100.0, 150.0)
+DRONE, FOV_DRONE, ABOVE = "drone", (60.0, 85.0), (0.3, 1.2)  # metres above the ground, in shares of the width
 STANDS = "on the stands"
 
 
@@ -101,17 +104,56 @@ def kinds(field: Field) -> Mapping[str, CameraDistribution]:
     return found
 
 
+def machines(field: Field) -> Mapping[str, CameraDistribution]:
+    """Where action cameras are put up beside a field, and drones fly over it.
+
+    Examples
+    --------
+    >>> from fieldcalib.fields import tennis
+    >>> {name: stand.tilt for name, stand in machines(tennis()).items()}
+    {'action camera': (45, 90), 'drone': (0, 45)}
+    """
+    a, b, width = 0.5 * field.length, 0.5 * field.width, field.width
+    x, y = (-a - NEAR[1] * width, a), (b + NEAR[0] * width, b + NEAR[1] * width)
+    up, above = (-LOWEST - HIGHEST * width, -LOWEST), (-ABOVE[1] * width, -ABOVE[0] * width)
+    return {
+        ACTION: CameraDistribution(ACTION, (-180, 180), (45, 90), (-2, 2), FOV, x, y, up),
+        DRONE: CameraDistribution(DRONE, (-180, 180), (0, 45), (-1, 1), FOV_DRONE, (-a, a), (-b, b), above),
+    }
+
+
+def _all_kinds(field: Field) -> list[str]:
+    return [*kinds(field), STANDS, *machines(field)]
+
+
+def _with_fisheye(camera: Camera, rng: np.random.Generator) -> Camera:
+    """The camera with the lens of an action camera: a projection between equal in area and stereographic."""
+    half = np.radians(0.5 * rng.uniform(*FOV_ACTION))
+    k1, k2 = (np.array([-1 / 24, 1 / 1920]) + rng.uniform() * np.array([1 / 8, 1 / 128])).tolist()
+    f = 0.5 * camera.image_size[0] / (half * (1.0 + k1 * half**2 + k2 * half**4))
+    K = camera.K.copy()
+    K[[0, 1], [0, 1]] = f
+    return Camera(K, camera.R, camera.C, camera.image_size, (k1, k2, 0.0, 0.0), fisheye=True)
+
+
+def _drawn(kind: str, field: Field, size: tuple[int, int], rng: np.random.Generator, game: Game) -> Camera:
+    """A camera of a kind that sees enough of the field."""
+    stands = game.stands if kind == STANDS else {{**kinds(field), **machines(field)}[kind]: 1.0}
+    while True:
+        camera = random_camera(field, size, rng, stands)
+        camera = _with_fisheye(camera, rng) if kind == ACTION else camera
+        if np.mean(in_view(camera, field)[1]) >= LEAST_VIEW:
+            return camera
+
+
 def photographs(game: Game, kind: str, number: int, seed: int) -> Iterator[Photograph]:
     """Render pictures of a kind, the same ones for the same seeds."""
     last = seed + number
-    order = [*kinds(game.field), STANDS].index(kind)
+    order = _all_kinds(game.field).index(kind)
     while seed < last:
         rng = np.random.default_rng((seed, order))
         field = random_pitch(rng)[0] if game.field.size_model is not None and game is game_named(SOCCER) else game.field
-        stands = game.stands if kind == STANDS else {kinds(field)[kind]: 1.0}
-        camera = random_camera(field, SIZES[seed % len(SIZES)], rng, stands)
-        while np.mean(in_view(camera, field)[1]) < LEAST_VIEW:
-            camera = random_camera(field, SIZES[seed % len(SIZES)], rng, stands)
+        camera = _drawn(kind, field, SIZES[seed % len(SIZES)], rng, game)
         shown = with_displaced_lines(field, rng, rng.uniform(0.0, PAINT) * paint_sigma(field))
         yield Photograph(kind, seed, seen_by(camera, shown, rng, game).image, camera, field)
         seed += 1
@@ -145,7 +187,7 @@ def take(options: argparse.Namespace) -> int:
     """Render and calibrate pictures of each kind."""
     game, network = game_named(options.field), SegmentationNetwork.load() if options.field == SOCCER else None
     records = []
-    for kind in (one for one in (*kinds(game.field), STANDS) if options.kind in one):
+    for kind in (one for one in _all_kinds(game.field) if options.kind in one):
         for shown in photographs(game, kind, options.frames, options.seed):
             (found,) = calibrate_from_images(game.field, [shown.image], network)
             records.append({"field": options.field, **record_of(found, shown)})

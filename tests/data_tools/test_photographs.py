@@ -38,6 +38,15 @@ def test_photographs_are_those_of_their_seed_and_show_enough():
         assert one.image.shape[1::-1] == one.camera.image_size
 
 
+@pytest.mark.parametrize("kind", [photographs.ACTION, photographs.DRONE])
+def test_action_cameras_are_wide_and_drones_look_down(kind):
+    for shown in photographs.photographs(game_named("tennis"), kind, 2, 3):
+        degrees, tilt = np.degrees([shown.camera.field_of_view, shown.camera.angles[1]])
+        assert shown.camera.fisheye == (100.0 <= degrees <= 150.0) == (kind == photographs.ACTION)
+        assert (tilt <= 45.0) == (kind == photographs.DRONE)
+        assert np.mean(in_view(shown.camera, shown.field)[1]) >= photographs.LEAST_VIEW
+
+
 @pytest.mark.slow
 def test_what_is_taken_is_judged_again(tmp_path, capsys):
     file = tmp_path / "evidence.jsonl"
