@@ -206,6 +206,7 @@ QUESTIONS: Mapping[What, Remedy] = MappingProxyType(
         What.OTHER_SIZE: RIGHT_SIZE,
         What.CONTRADICTED: WITHOUT_GIVEN,
         **dict.fromkeys((What.PART, What.ENLARGED, What.IN_WINDOW), WHICH_PART),
+        What.MORE_LENS: MORE_LABELS,
         What.GROUND_ONLY: MORE_THAN_GROUND,
     }
 )

@@ -88,7 +88,7 @@ class What(StrEnum):
     NOT_SQUARE = "not square"
     """The labels say that the pixels are not square."""
     MORE_LENS = "more lens coefficients"
-    """The labels require more lens coefficients than were free."""
+    """The labels require more lens coefficients than were free, or leave open one that may move places in view."""
     CONTRADICTED = "contradicted"
     """A parameter that was given is not what the labels want: by how much it should be larger; of the part of a frame
     the log evidence against it."""
@@ -221,7 +221,7 @@ SENTENCES: Mapping[What, str] = MappingProxyType(
         "markings",
         What.IMPROBABLE: "right to {0:g} m with a probability of {1:.2f}",
         What.NOT_SQUARE: "the pixels are not square: was the picture squashed?",
-        What.MORE_LENS: "the labels require more lens coefficients than k1",
+        What.MORE_LENS: "the lens may require more coefficients than k1",
         What.OTHER_SIZE: "the field is more probably of another size, about {0:.0f} x {1:.0f} m",
         What.NOT_LEVEL: "the field is not level: its middle is about {0:.2f} m higher than its touchlines",
         What.PART: "the picture may be a part of a frame, and the labels do not show the frame's middle: say which "

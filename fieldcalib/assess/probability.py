@@ -28,11 +28,11 @@ from fieldcalib.assess.estimate import Estimate, by_parameters
 from fieldcalib.assess.findings import Finding, What
 from fieldcalib.assess.ground import ground_derivatives, ground_of_pixels, pixels_of_points, projection_on
 from fieldcalib.assess.uncertainty import OTHER_FRAMES, Uncertainty
-from fieldcalib.fields.field import Field
+from fieldcalib.fields.field import Field, tolerance_of
 from fieldcalib.fields.ground import Terrain
 from fieldcalib.fields.traits import ProbabilityModel
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.problem.layout import Layout
+from fieldcalib.problem.layout import LOG_F, Layout
 from fieldcalib.problem.picture_shape import LEAST_ASPECT, has_square_pixels, is_whole_shape
 from fieldcalib.problem.projection import Projection
 
@@ -48,6 +48,9 @@ DETERMINED, USUAL_NOISE, LEAST_DOF = 0.5, 1.4, 50.0
 MOST_MOVED = 0.5  # share of the field's tolerance: the rest is left to the errors of the camera itself
 LEAST_SQUASH = 0.08  # log aspect: other pictures that are shown as 16:9 come from 16:10 (0.105) or 4:3 (0.29)
 LEAST_LENS = 0.01  # relative displacement at the corner by k2
+# Of k2, as b2: its standard deviation times f^4 / rho^4, a quarter of what an equidistant lens has there, and the least
+# one that is asked for, that of a view of 45 degrees.
+K2_OF_VIEW, LEAST_K2 = 0.05, 0.0025
 LEAST_SIZE = 0.1  # probability of the given size of the field
 # Errors of given values: the least one that is worth a word, and the standard deviation of wrong values. In radians,
 # log focal length, metres, shares of the width of the picture, and relative displacement at the corner.
@@ -86,8 +89,8 @@ class OddsTerms(NamedTuple):
 def surprises(uncertainty: Uncertainty) -> tuple[Finding, ...]:
     """Find what is unusual about an estimate; nothing for an ordinary camera.
 
-    A lens far out in its prior is no surprise where the labels determine it, and lie on their markings; a strong one of
-    k1 alone only where k2 would move no place in view by more than half the field's tolerance.
+    A lens far out in its prior is no surprise where the labels determine it, and lie on their markings. One of k1 alone
+    is a surprise in any wide view in which k2 may move a place by more than half the field's tolerance.
 
     Examples
     --------
@@ -106,17 +109,16 @@ def surprises(uncertainty: Uncertainty) -> tuple[Finding, ...]:
         unusual, evident = np.abs(z) > UNUSUAL, np.isin(names, EVIDENT)
         if np.any(unusual & evident):
             unusual &= ~(evident & _by_labels(uncertainty))
-        for name in names[unusual]:
-            if name in NAMES:
-                found[Finding(What.UNUSUAL, NAMES[name])] = None
+        found |= dict.fromkeys(Finding(What.UNUSUAL, NAMES[name]) for name in names[unusual] if name in NAMES)
+        if _moved_by_k2(uncertainty) > MOST_MOVED * tolerance_of(uncertainty.field):
+            found[Finding(What.MORE_LENS)] = None
     size, aspect = problem.layout.image_size, uncertainty.offsets.get("log aspect", (0.0, 1.0))
     squash = LEAST_SQUASH if is_whole_shape(size) or has_square_pixels(size, aspect) else LEAST_ASPECT
     for name, least, what in ("log aspect", squash, What.NOT_SQUARE), ("b2", LEAST_LENS, What.MORE_LENS):
         offset, sigma = uncertainty.offsets.get(name, (0.0, 1.0))
         if abs(offset) > max(least, CONTRADICTED * sigma):
             found[Finding(what)] = None
-    contradicted = _contradicted(uncertainty)
-    if contradicted is not None:
+    if (contradicted := _contradicted(uncertainty)) is not None:
         found[Finding(What.CONTRADICTED, contradicted, (uncertainty.off_given[contradicted][0],))] = None
     given, told = problem.layout.field_size, uncertainty.size
     if told is not None and given is not None and not np.any(given.shift) and told.as_given < LEAST_SIZE:
@@ -133,21 +135,23 @@ def _by_labels(uncertainty: Uncertainty) -> BoolArray:
     prior, problem = uncertainty.evaluation.prior, uncertainty.problem
     assert prior is not None
     deviation = np.sqrt(np.diagonal(uncertainty.covariance)[problem.free])
-    by_labels = deviation <= DETERMINED * prior.effective_sigma[0]
-    if "b2" in uncertainty.offsets and not _moves_little(uncertainty, "b2"):
-        by_labels &= ~problem.layout.is_lens[problem.free]
     is_usual = uncertainty.sigma <= USUAL_NOISE * problem.noise and uncertainty.dof >= LEAST_DOF
-    return np.asarray(by_labels & is_usual)
+    return np.asarray(is_usual & (deviation <= DETERMINED * prior.effective_sigma[0]))
 
 
-def _moves_little(uncertainty: Uncertainty, name: str) -> bool:
-    """Whether freeing a parameter that is kept fixed moves no place in view by more than half the field's tolerance."""
-    field, off = uncertainty.field, np.hypot(*uncertainty.offsets[name])
-    if field is None:
-        return False
+def _moved_by_k2(uncertainty: Uncertainty) -> float:
+    """By how much k2, which is kept, moves a place in view, metres, relative to the markings there; 0 in narrow views.
+
+    Its prior is as wide as lenses of such a view may have it.
+    """
+    corner = uncertainty.layout.lens.rho / np.exp(uncertainty.theta[LOG_F])
+    sigma, field = K2_OF_VIEW * corner**4, uncertainty.field
+    if "b2" not in uncertainty.offsets or field is None or sigma < LEAST_K2:
+        return 0.0
+    off = np.hypot(*uncertainty.offsets["b2"]) / np.hypot(1.0, uncertainty.offsets["b2"][1] / sigma)
     J, known = uncertainty.ground_jacobian(ground_in_view(uncertainty.camera, field))
-    moved = (J[known] - uncertainty.motion_of_markings) @ uncertainty.following[name]
-    return bool(off * np.max(np.linalg.norm(moved, axis=-1), initial=0.0) <= MOST_MOVED * field.tolerance)
+    moved = (J[known] - uncertainty.motion_of_markings) @ uncertainty.following["b2"]
+    return float(off * np.max(np.linalg.norm(moved, axis=-1), initial=0.0))
 
 
 def _contradicted(uncertainty: Uncertainty) -> str | None:
