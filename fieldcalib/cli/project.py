@@ -62,10 +62,7 @@ class Projection:
     cameras: Cameras
     most_bytes: float
     system: str = option(
-        f"coordinates: {', '.join(SYSTEMS)} ({OWN_SYSTEMS[0]})",
-        name="--to",
-        default=OWN_SYSTEMS[0],
-        metavar="SYSTEM",
+        f"coordinates: {', '.join(SYSTEMS)} ({OWN_SYSTEMS[0]})", name="--to", default=OWN_SYSTEMS[0], metavar="SYSTEM"
     )
     size: tuple[int, int] | None = option(
         "of the images that boxes are in pixels of (as the cameras')", type=image_size, metavar="WxH"

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, truth
-from fieldcalib.assess.findings import NARROW, SHAPE, Finding, Status, What, in_words
+from fieldcalib.assess.findings import ENLARGED, NARROW, SHAPE, WAS_SQUASHED, Finding, Status, What, in_words
 from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, doubted, found_of, with_findings
 from fieldcalib.fields.field import Field, ObjectSegments, Side
 from fieldcalib.fields.sports.soccer import with_painted_lines
@@ -35,6 +35,7 @@ from fieldcalib.images.refinement import (
     near_labels,
     on_field_as_seen,
     refine_all,
+    refined_under,
     unrefined,
 )
 from fieldcalib.images.search.court_search import search_courts
@@ -58,11 +59,12 @@ from fieldcalib.localize.point_selection import classes_without_segment
 from fieldcalib.problem.labelled_pixels import PixelTable
 from fieldcalib.problem.picture_shape import Crop, Declared
 from fieldcalib.processes.jobs import in_order
+from fieldcalib.solve.auto_lens import STRONG
 from fieldcalib.solve.batch import calibrate_pixels, compute_errors
 from fieldcalib.solve.from_segments import checked_labels
 from fieldcalib.solve.request import GivenCamera, Task
 from fieldcalib.solve.sequence.sequence_problem import SHARED, SHARED_IN_MOTION, SIZE
-from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
+from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, FISHEYE_FLAGS, WHOLE_LENS, CalibrationFlags, Prior
 
 HEAVIEST = 5  # number of segments, those with the largest weights, from which hypotheses are made
 PER_HYPOTHESIS = 3  # segments of a hypothesis, the fewest that determine a camera: 10 hypotheses
@@ -380,6 +382,7 @@ def calibrate_pictures(how: How, images: Iterable[Image], executor: Executor | N
         raise ValueError("a place is of courts that are searched for: leave it or the network out")
     is_open = by_network and task.prior is not None  # the network finds the camera, its principal point under a prior
     may_be_enlarged = how.may_be_enlarged and is_open and how.refine and task.given.is_empty
+    of_lens_k1 = task.given.is_empty and task.chosen_flags & WHOLE_LENS == DEFAULT_FLAGS & WHOLE_LENS
     may_be_padded = is_open and without_matrix and (how.estimate_aspect or how.part is not None)
     # Each step wraps the calibration of pictures by the steps after it, down to `calibrate_alone`. The outermost step
     # comes first.
@@ -392,6 +395,7 @@ def calibrate_pictures(how: How, images: Iterable[Image], executor: Executor | N
                 within_frame, part=how.part, tasks=(how.task, whole.task), as_whole=partial(calibrate_pictures, whole)
             ),
         ),
+        (how.refine and task.prior is not None and of_lens_k1, partial(with_fisheye, task=task)),
         (may_be_enlarged, partial(with_enlarged_parts, task=task)),
         (is_open and how.refine and may_be_searched(task), partial(with_second_opinion, how=how)),
         (may_be_padded, partial(with_narrow_padded, how=how)),
@@ -586,6 +590,21 @@ def with_second_opinion(calibrate: Method, images: Sequence[Image], *, how: How)
     for index, one in zip(refused, searched, strict=True):
         if one.accepted:
             found[index] = replace(one, message=f"{NOTE}; {one.message}")
+    return found
+
+
+def with_fisheye(calibrate: Method, images: Sequence[Image], *, task: Task) -> list[Calibration]:
+    """Calibrate pictures; of a strong barrel lens also with that of a fisheye, which is kept where more lines fit it.
+
+    k1, by which cameras are found, follows such a lens to some pixels only.
+    """
+    found, task = calibrate(images), replace(task, flags=FISHEYE_FLAGS)
+    for index, one in enumerate(found):
+        if one.solved is not None and one.required_camera.corner_distortion[0] < STRONG:
+            refined = refined_under(task, images[index], one)
+            if refined is not None and refined.accepted:
+                kept = [finding for finding in found_of(one) if finding in (SHAPE, ENLARGED, NARROW, WAS_SQUASHED)]
+                found[index] = with_findings(replace(refined, declared=one.declared), *kept)
     return found
 
 

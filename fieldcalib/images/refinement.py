@@ -240,6 +240,15 @@ def refine_all(
     return refined
 
 
+def refined_under(task: Task, image: Image, calibration: Calibration, *, quick: bool = False) -> Calibration | None:
+    """Refine a calibration on its image under another task, on its own field; None where that is not better."""
+    assert calibration.solved is not None
+    task = replace(task, object_segments=calibration.field or task.object_segments)  # of another size, perhaps
+    given = ToRefine(image, calibration, calibration.solved.pixels, are_detected=True)
+    (refined,) = refine_all(task, Markings.of(task.object_segments), [given], quick=quick)
+    return None if refined.calibration is calibration else refined.judged
+
+
 def _moved_to_paint(
     task: Task, markings: Markings, refined: Sequence[Refined], given: Sequence[ToRefine]
 ) -> list[Refined]:

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import FisheyeLens, lens_with
 from fieldcalib.problem.evaluation import Evaluation, with_segment_ends
 from fieldcalib.problem.layout import GaussianPrior, Layout, Role
@@ -60,12 +61,22 @@ def with_required_lens(solution: Solution, prior: GaussianPrior, options: Option
 def as_fisheye(options: Options) -> Options:
     """The options with a fisheye lens whose coefficients are estimated."""
     old = options.layout
-    layout = Layout.of(old.image_size, FisheyeLens(old.lens.rho), old.field_size)
-    index = [layout.names.index(name) for name in old.names if name not in old.lens.names]
-    kept = ~old.is_lens
+    return _with_layout(options, Layout.of(old.image_size, FisheyeLens(old.lens.rho), old.field_size))[0]
+
+
+def _with_layout(options: Options, layout: Layout) -> tuple[Options, IntArray]:
+    """Options with a layout of another lens, and the indices (n,) in it of those of their parameters that it has."""
+    names, kept = options.layout.names, np.flatnonzero(np.isin(options.layout.names, layout.names))
+    index = np.array([layout.names.index(names[k]) for k in kept])
     roles, known = layout.roles.copy(), np.zeros(layout.size)
-    roles[index], known[index] = old.roles[kept], options.known[kept]
-    return replace(options, layout=replace(layout, roles=roles), known=known)
+    roles[index], known[index] = options.layout.roles[kept], options.known[kept]
+    return replace(options, layout=replace(layout, roles=roles), known=known), index
+
+
+def with_fisheye_lens(camera: Camera) -> Camera:
+    """The camera with a fisheye lens like its own near the axis: ``tan(theta) = theta + theta^3 / 3 + ...``."""
+    k = (camera.k[0] + 1.0 / 3.0, 0.0, 0.0, 0.0)
+    return camera if camera.fisheye else Camera(camera.K, camera.R, camera.C, camera.image_size, k, fisheye=True)
 
 
 def may_be_fisheye(evaluation: Evaluation) -> BoolArray:
@@ -97,15 +108,12 @@ def _label_costs(evaluation: Evaluation) -> Array:
 
 def _solved_with(part: Part, freed: tuple[str, ...]) -> Part:
     """Solve the frames of a part with further lens coefficients."""
-    options = part.options
-    layout = options.layout
+    layout = part.options.layout
     if any(name not in layout.blocks for name in freed):
         lens = lens_with({*layout.lens.opencv_names, *freed}, layout.lens.rho)
         layout = Layout.of(layout.image_size, lens, layout.field_size).fixed("lens")
-    index = [layout.names.index(name) for name in options.layout.names]
-    roles = layout.roles.copy()
-    roles[index] = options.layout.roles
-    layout = replace(layout, roles=roles).with_roles(Role.FRAME, *freed)
+    options, index = _with_layout(part.options, layout)
+    layout = options.layout.with_roles(Role.FRAME, *freed)
 
     start = part.solution.evaluation
     theta = np.zeros((len(start.theta), layout.size))
@@ -117,11 +125,7 @@ def _solved_with(part: Part, freed: tuple[str, ...]) -> Part:
     solution = levenberg_marquardt(
         Evaluation(problem, theta, start.points), max_iterations=options.max_iterations, tolerance=options.tolerance
     )
-    known = np.zeros(layout.size)
-    known[index] = options.known
-    return replace(
-        part, solution=solution, prior=prior, options=replace(options, layout=layout, known=known), freed=freed
-    )
+    return replace(part, solution=solution, prior=prior, options=replace(options, layout=layout), freed=freed)
 
 
 def _with_ends_anew(part: Part) -> Part:

@@ -25,10 +25,11 @@ from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, PixelTable
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.processes.jobs import in_order
+from fieldcalib.solve.auto_lens import with_fisheye_lens
 from fieldcalib.solve.from_segments import NOTHING_LABELLED, calibrate_checked, checked_labels
 from fieldcalib.solve.likelier_shape import with_border_complaint, with_likely_aspect
 from fieldcalib.solve.request import GivenCamera, Options, Task, as_fixed
-from fieldcalib.solve.solver_options import DEFAULT_CRITERIA, GUESS, Criteria, Prior
+from fieldcalib.solve.solver_options import DEFAULT_CRITERIA, GUESS, CalibrationFlags, Criteria, Prior
 
 CHUNK = 128  # frames solved together: their arrays still fit the processor's cache
 CHUNK_PIXELS = 16384  # of a chunk, padding included: bounds the memory of densely labelled frames
@@ -172,6 +173,8 @@ def calibrate_pixels(
     executor: Executor | None = None,
 ) -> list[Calibration]:
     """Calibrate checked frames of one size, from initial cameras if these are given."""
+    if cameras and task.chosen_flags & CalibrationFlags.CALIB_FISHEYE:
+        cameras = list(map(with_fisheye_lens, cameras))
     # the layout needs the largest lens of all cameras
     largest = max(cameras, key=lambda camera: len(camera.lens.names)) if cameras else None
     options = (task.with_flags(GUESS) if cameras else task).options(image_size, largest)

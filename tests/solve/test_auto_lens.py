@@ -118,6 +118,14 @@ def test_swapped_labels_are_named_through_a_fisheye(degrees):
     assert off(mended.camera, truth).max() < 1.0
 
 
+def test_a_fisheye_lens_may_start_from_cameras_with_another():
+    barrel = Camera.from_angles(0.1, 1.25, 0.0, 700.0, (-5.0, 45.0, -12.0), SIZE, k=(-0.1, 0.0))
+    pixels = seen(barrel, np.random.default_rng(0), 1.0)
+    (found,) = calibrate_batch(FIELD, [pixels], SIZE, flags=FISHEYE, cameras=[barrel])
+    assert found.camera.fisheye
+    assert off(found.camera, barrel).max() < 1.0
+
+
 def test_auto_keeps_the_lens_of_broadcast_cameras():
     frames, cameras = random_frames(12, seed=5, noise=1.0)
     broadcast = calibrate_batch(FIELD, frames, cameras[0].image_size, flags=AUTO)

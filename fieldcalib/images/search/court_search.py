@@ -412,8 +412,7 @@ class Searched:
         courts = [_court(*one) for one in zip(self.candidates, self.probability, strict=True)]
         # cameras that are alike share a probability, but one of them may lie better on its paint
         return sorted(
-            courts,
-            key=lambda one: (not one.calibration.accepted, -one.probability, -np.nan_to_num(one.evidence.odds)),
+            courts, key=lambda one: (not one.calibration.accepted, -one.probability, -np.nan_to_num(one.evidence.odds))
         )
 
 

@@ -33,7 +33,7 @@ from fieldcalib.fields.field import ObjectSegments
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.images.paint.detected_lines import calibrate_on_lines
 from fieldcalib.images.paint.line_profiles import Markings
-from fieldcalib.images.refinement import ToRefine, refine_all
+from fieldcalib.images.refinement import ToRefine, refine_all, refined_under
 from fieldcalib.images.shape.borders_and_windows import parts_of
 from fieldcalib.images.shape.enlarged import LARGEST_SOFTNESS, softness
 from fieldcalib.io.image_files import Image, size_of
@@ -182,22 +182,13 @@ def may_be_enlarged(image: Image, calibration: Calibration) -> bool:
 
 def _as_enlarged(task: Task, image: Image, calibration: Calibration) -> Calibration:
     """Take the camera with a free principal point if it is sure, else add a doubt to the calibration."""
-    freed = _freed(task, image, calibration)
+    own = replace(task, object_segments=calibration.field or task.object_segments)  # of another size, perhaps
+    freed = refined_under(as_part(own, size_of(image)), image, calibration, quick=True)
     if freed is not None and freed.verdict is Verdict.GOOD and freed.probability() >= SURE_ANYWHERE:
         x, y = freed.required_camera.principal_point
         found = f"the picture may be a part of a frame: its principal point was found at ({x:.0f}, {y:.0f})"
         return replace(freed, message=f"{found}; {freed.message}")
     return calibration if calibration.has_finding(What.PART) else with_findings(calibration, ENLARGED)
-
-
-def _freed(task: Task, image: Image, calibration: Calibration) -> Calibration | None:
-    """Refine a calibration with a principal point that may lie anywhere; None if that gives no camera."""
-    assert calibration.solved is not None
-    segments = calibration.field or task.object_segments  # the field may be of another size
-    task = as_part(replace(task, object_segments=segments), size_of(image))
-    given = ToRefine(image, calibration, calibration.solved.pixels, are_detected=True)
-    (refined,) = refine_all(task, Markings.of(segments), [given], quick=True)
-    return None if refined.calibration is calibration else refined.judged
 
 
 def as_part(task: Task, image_size: tuple[int, int]) -> Task:
