@@ -175,6 +175,12 @@ def calibrate_pixels(
     """Calibrate checked frames of one size, from initial cameras if these are given."""
     if cameras and task.chosen_flags & CalibrationFlags.CALIB_FISHEYE:
         cameras = list(map(with_fisheye_lens, cameras))
+    is_fisheye = np.array([camera.fisheye for camera in cameras or ()])
+    if cameras and len(cameras) == pixels.count and len(set(is_fisheye)) > 1:  # the parameters of such a lens differ
+        parts = [np.flatnonzero(is_fisheye == one).tolist() for one in (False, True)]
+        some = [(pixels.of_frames(part), image_size, [cameras[t] for t in part]) for part in parts]
+        found = [one for each in some for one in calibrate_pixels(task, *each, executor=executor)]
+        return [found[k] for k in np.argsort(np.concatenate(parts))]
     # the layout needs the largest lens of all cameras
     largest = max(cameras, key=lambda camera: len(camera.lens.names)) if cameras else None
     options = (task.with_flags(GUESS) if cameras else task).options(image_size, largest)

@@ -126,6 +126,17 @@ def test_a_fisheye_lens_may_start_from_cameras_with_another():
     assert off(found.camera, barrel).max() < 1.0
 
 
+def test_a_batch_may_start_from_cameras_with_and_without_a_fisheye_lens():
+    barrel = Camera.from_angles(0.1, 1.25, 0.0, 700.0, (-5.0, 45.0, -12.0), SIZE, k=(-0.1, 0.0))
+    cameras, rng = [wide_camera(110.0), barrel, wide_camera(110.0)], np.random.default_rng(0)
+    frames = [seen(one, rng, 1.0) for one in cameras]
+    found = calibrate_batch(FIELD, frames, SIZE, flags=AUTO, cameras=cameras)
+    assert [one.camera.fisheye for one in found] == [True, False, True]
+    assert max(off(one.camera, camera).max() for one, camera in zip(found, cameras, strict=True)) < 1.0
+    with pytest.raises(ValueError, match="cameras"):
+        calibrate_batch(FIELD, frames[:2], SIZE, flags=AUTO, cameras=cameras)
+
+
 def test_auto_keeps_the_lens_of_broadcast_cameras():
     frames, cameras = random_frames(12, seed=5, noise=1.0)
     broadcast = calibrate_batch(FIELD, frames, cameras[0].image_size, flags=AUTO)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from fieldcalib._types import is_number
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Point
-from fieldcalib.fields.sports.parts import CENTRE, across, along, court, on_ground, right_area, right_goal, with_top
+from fieldcalib.fields.sports.parts import CENTRE, across, along, check_size, court, on_ground, right_goal, with_top
 from fieldcalib.fields.traits import Paint, ProbabilityModel, SizePrior, stands_beside
 
 # In metres. Lines belong to the areas that they bound, so that areas end at outer edges.
@@ -57,19 +56,10 @@ def futsal(length: float = 40.0, width: float = 20.0, *, size_known: bool = Fals
     >>> futsal(38.0, 18.0)["Goal line right"].end
     (18.96, 8.96, 0.0)
     """
-    if not (is_number(length) and is_number(width)):
-        raise ValueError(f"expected length and width as numbers of metres, got {length!r} and {width!r}")
     posts = 0.5 * GOAL_WIDTH + POST
-    if not (length > 2.0 * SECOND_PENALTY_MARK and width > 2.0 * (posts + PENALTY_AREA)):
-        raise ValueError(
-            f"a futsal pitch of {length} x {width} m has no room for its penalty areas and marks: "
-            f"expected metres, length about 40 and width about 20"
-        )
-    if max(length, width) > LARGEST:
-        raise ValueError(
-            f"a futsal pitch of {length} x {width} m is larger than any: expected metres (not centimetres or feet), "
-            f"length about 40 and width about 20"
-        )
+    least = 2.0 * SECOND_PENALTY_MARK, 2.0 * (posts + PENALTY_AREA)
+    usual = "length about 40 and width about 20"
+    check_size("futsal pitch", (length, width), "penalty areas and marks", least, LARGEST, usual)
     if length < width:
         raise ValueError(
             f"a futsal pitch is longer than wide, got length = {length} and width = {width}: give the touchline first, "
@@ -83,7 +73,8 @@ def futsal(length: float = 40.0, width: float = 20.0, *, size_known: bool = Fals
         "Centre circle": Arc(CENTRE, CENTRE_CIRCLE - half),
         "Centre mark": Point(CENTRE),
         "Goal line right": across(end - half, side - half),
-        **right_area("Penalty area", end, posts, PENALTY_AREA - half),
+        "Penalty area right line": across(end - (PENALTY_AREA - half), posts),
+        "Penalty area right arc bottom": Arc((end, posts, 0.0), PENALTY_AREA - half, 0.5 * np.pi, np.pi),
         "Penalty mark right": Point((end - PENALTY_MARK, 0.0, 0.0)),
         "Second penalty mark right": Point((end - SECOND_PENALTY_MARK, 0.0, 0.0)),
         **with_top({"Corner arc right bottom": Arc((end, side, 0.0), CORNER_ARC - half, np.pi, 1.5 * np.pi)}),

@@ -2,7 +2,7 @@
 
 Lines of courts: from side to side, from end to end, on the ground and upright.
 
-Goals, and the areas in front of them whose border has a constant distance from the goal.
+Goals, and the check of a size that a user gives.
 
 A whole field from a quarter of it: most fields are mirrored, and rule books describe one half.
 """
@@ -16,8 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from fieldcalib._types import is_number
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Arc, Line, Segment
+from fieldcalib.fields.segments import Line, Segment
 from fieldcalib.fields.segments.segment import Vector
 from fieldcalib.fields.traits import LineLook, Paint
 
@@ -59,15 +60,15 @@ def on_ground(start: tuple[float, float], end: tuple[float, float]) -> Line:
     return Line((*start, 0.0), (*end, 0.0))
 
 
-def upright(x: float, y: float, top: float, bottom: float = 0.0) -> Line:
-    """The vertical line at (x, y) between two heights, downwards, metres.
+def upright(x: float, y: float, top: float) -> Line:
+    """The vertical line at (x, y) from a height down to the ground, metres.
 
     Examples
     --------
     >>> upright(20.0, 1.5, 2.0)
     Line(start=(20.0, 1.5, -2.0), end=(20.0, 1.5, 0.0))
     """
-    return Line((x, y, -top), (x, y, -bottom + 0.0))
+    return Line((x, y, -top), (x, y, 0.0))
 
 
 def right_goal(x: float, width: float, height: float, thickness: float) -> dict[str, Segment]:
@@ -82,23 +83,6 @@ def right_goal(x: float, width: float, height: float, thickness: float) -> dict[
     """
     y, top = 0.5 * (width + thickness), height + 0.5 * thickness
     return {"Goal right crossbar": across(x, y, -top), "Goal right post bottom": upright(x, y, top)}
-
-
-def right_area(name: str, x: float, y: float, distance: float, reach: float = np.inf) -> dict[str, Segment]:
-    """The line at one distance from a goal between (x, -y) and (x, y): its straight piece and the near arc.
-
-    The arc ends at the line x, or at a distance of `reach` from the middle of the field; all in metres.
-
-    Examples
-    --------
-    >>> list(right_area("Goal area", 20.0, 1.5, 6.0))
-    ['Goal area right line', 'Goal area right arc bottom']
-    """
-    start = np.pi - np.arcsin(min((reach - y) / distance, 1.0))
-    return {
-        f"{name} right line": across(x - distance, y),
-        f"{name} right arc bottom": Arc((x, y, 0.0), distance, float(start), np.pi),
-    }
 
 
 def mirrored(*parts: Mapping[str, Segment]) -> dict[str, Segment]:
@@ -175,3 +159,30 @@ def court(
         "size_known": True,
     }
     return Field(float(length), float(width), whole, **(defaults | known))
+
+
+def check_size(
+    pitch: str, size: tuple[float, float], marks: str, least: tuple[float, float], largest: float, usual: str
+) -> None:
+    """Check the length and width of a pitch, metres.
+
+    Raises
+    ------
+    ValueError
+        If they are no numbers, not above the `least` ones that its `marks` need, or larger than any.
+
+    Examples
+    --------
+    >>> check_size("court", (40.0, 9.0), "goal areas", (12.0, 15.0), 60.0, "about 40 x 20")
+    Traceback (most recent call last):
+        ...
+    ValueError: a court of 40.0 x 9.0 m has no room for its goal areas: expected metres, about 40 x 20
+    """
+    length, width = size
+    if not (is_number(length) and is_number(width)):
+        raise ValueError(f"expected length and width as numbers of metres, got {length!r} and {width!r}")
+    if not (length > least[0] and width > least[1]):  # nor NaN
+        raise ValueError(f"a {pitch} of {length} x {width} m has no room for its {marks}: expected metres, {usual}")
+    if max(size) > largest:
+        in_metres = f"expected metres (not centimetres or feet), {usual}"
+        raise ValueError(f"a {pitch} of {length} x {width} m is larger than any: {in_metres}")

@@ -12,7 +12,7 @@ import numpy as np
 from fieldcalib._types import is_number, truth
 from fieldcalib.fields.field import Field, built
 from fieldcalib.fields.segments import Arc, Point, Segment
-from fieldcalib.fields.sports.parts import CENTRE, across, along, on_ground, upright
+from fieldcalib.fields.sports.parts import CENTRE, across, along, check_size, on_ground, upright
 from fieldcalib.fields.traits import (
     ALL_STANDS,
     GRASS,
@@ -95,18 +95,9 @@ def soccer(
     """
     if line_width is not None and not (is_number(line_width) and 0.0 <= line_width <= LINE_WIDTH):
         raise ValueError(f"expected a line_width from 0 to {LINE_WIDTH} m, which the law allows, got {line_width!r}")
-    if not (is_number(length) and is_number(width)):
-        raise ValueError(f"expected length and width as numbers of metres, got {length!r} and {width!r}")
-    if not (length > 2.0 * (PENALTY_AREA_DEPTH + CIRCLE_RADIUS) and width > PENALTY_AREA_WIDTH):
-        raise ValueError(
-            f"a soccer field of {length} x {width} m has no room for its penalty areas and its centre circle: "
-            f"expected metres, length about 105 and width about 68"
-        )
-    if max(length, width) > LARGEST:
-        raise ValueError(
-            f"a soccer field of {length} x {width} m is larger than any: expected metres (not centimetres or feet), "
-            f"length about 105 and width about 68"
-        )
+    least = 2.0 * (PENALTY_AREA_DEPTH + CIRCLE_RADIUS), PENALTY_AREA_WIDTH
+    marks, usual = "penalty areas and its centre circle", "length about 105 and width about 68"
+    check_size("soccer field", (length, width), marks, least, LARGEST, usual)
     if length <= width and length < ALL_MATCHES[0][0]:
         raise ValueError(
             f"a soccer field is longer than wide, got length = {length} and width = {width}: give both in metres, the "
