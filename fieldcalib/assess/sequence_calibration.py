@@ -96,8 +96,7 @@ class FrameSequence(Sequence[Calibration]):
         """A sequence of some of the frames, in that order."""
 
     def __repr__(self) -> str:
-        frames = f"{len(self)} frame{'s' * (len(self) != 1)}"
-        return f"{type(self).__name__}({frames}, {sum(one.accepted for one in self)} accepted)"
+        return f"{type(self).__name__}(frames={len(self)}, accepted={sum(one.accepted for one in self)})"
 
     def to_dict(self) -> dict[str, Any]:
         """The calibration as a dict for `json.dumps`."""
@@ -171,7 +170,7 @@ class SequenceCalibration(FrameSequence):
     >>> len(nothing), nothing.cameras, nothing.shared, str(nothing[0].status)
     (2, [None, None], {}, 'too few segments')
     >>> nothing[:1]
-    SequenceCalibration(1 frame, 0 accepted)
+    SequenceCalibration(frames=1, accepted=0)
     """
 
     _what: ClassVar[str] = "a sequence"

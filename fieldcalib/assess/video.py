@@ -81,7 +81,7 @@ class VideoCalibration(FrameSequence):
     --------
     >>> nothing = VideoCalibration((), (Shot(0, 2, -1),), np.full(2, -1), np.zeros(2, dtype=int))
     >>> nothing
-    VideoCalibration(2 frames, 0 accepted)
+    VideoCalibration(frames=2, accepted=0)
     >>> nothing.cameras, str(nothing[1].status)
     ([None, None], 'too few segments')
     >>> nothing[1:].shots

@@ -96,8 +96,9 @@ def draw_minimap(
         part, seen, rim = _in_view(camera, field.terrain, overhead, X)
         result[part] = to_uint8(_lit(empty[:, *part], seen, rim))
         _mark_camera(result, overhead.project(camera.C * (1.0, 1.0, 0.0)), overhead.principal_point)
-    points = np.empty((0, 2)) if points is None else points
-    return draw_players(result, overhead, points, colours=colours, trails=trails)
+    every = (np.empty((0, 2)) if points is None else points, *listed(trails, "trails of points"))
+    at, *past = (real_array(one)[..., :2] for one in every)  # a map is level
+    return draw_players(result, overhead, at, colours=colours, trails=past)
 
 
 def draw_players(
@@ -117,7 +118,8 @@ def draw_players(
     camera : Camera
         The camera of that image, such as `fieldcalib.draw.overhead_camera`.
     points : (N, 2) or (N, 3) array_like
-        Points on the ground, metres. NaN and points outside the image are left out.
+        Points on the ground, metres; z as `locate_on_ground` gives it, 0 if it is left out. NaN and points outside the
+        image are left out.
     colours, trails
         As in `draw_minimap`.
 
@@ -244,8 +246,8 @@ def _on_image(camera: Camera, points: ArrayLike) -> Array:
     X = real_array(points)
     if X.ndim != 2 or X.shape[1] not in (2, 3):
         raise ValueError(f"expected field points of shape (N, 2) or (N, 3), got {X.shape}")
-    on_ground = np.column_stack([np.where(np.abs(X[:, :2]) <= LARGEST, X[:, :2], np.nan), np.zeros(len(X))])
-    return np.where(camera.depth(on_ground)[:, None] > 0.0, camera.project(on_ground), np.nan)
+    X = np.pad(np.where(np.abs(X) <= LARGEST, X, np.nan), ((0, 0), (0, 3 - X.shape[1])))
+    return np.where(camera.depth(X)[:, None] > 0.0, camera.project(X), np.nan)
 
 
 def _each_colour(colours: Colour | Sequence[Colour], count: int) -> list[Colour]:

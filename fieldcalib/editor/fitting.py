@@ -152,8 +152,8 @@ def _agreeing(field: Field, by_hand: Marks, by_marks: Calibration, refined: Cali
     if refined is by_marks or (len(by_hand) and _rms(after) > _rms(errors) + farther):
         return _with_strays(by_hand, by_marks, errors)
     suspects = (one for one in found_of(by_marks) if one.what is What.SUSPECTS)
-    named = with_findings(replace(refined, suspect_labels=by_marks.suspect_labels), *suspects)
-    return _with_strays(by_hand, named, after)
+    refined = replace(refined, suspect_labels=by_marks.suspect_labels)
+    return _with_strays(by_hand, with_findings(refined, *suspects), after)
 
 
 def _rms(errors: Array) -> float:

@@ -613,7 +613,7 @@ def _vectors(values: ArrayLike, size: int, what: str) -> Array:
     array = real_array(values)
     if array.ndim == 0 or array.shape[-1] != size:
         ground = size == 3 and array.ndim > 0 and array.shape[-1] == 2
-        hint = "; points on the ground have z = 0: append a column of zeros" * ground
+        hint = "; points on level ground have z = 0: append a column of zeros" * ground
         came = "None" if values is None else f"shape {array.shape}"
         raise ValueError(f"expected {what} of shape (..., {size}), got {came}{hint}")
     return array

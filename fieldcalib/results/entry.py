@@ -350,7 +350,7 @@ def input_of(
             raise ValueError("start, end, step and clip are of pictures: leave them out for labelled pixels")
         return Labelled(labels, image_size)
     if image_size is not None:
-        raise ValueError("image_size is of labelled pixels: pictures have a size, leave it out")
+        raise ValueError("image_size is of labelled pixels (io.read_annotations): pictures have a size, leave it out")
     if isinstance(source, str) and Stream.recognises(source):
         if cut.end is None or clip is not None:
             raise ValueError(

@@ -11,6 +11,7 @@ from fieldcalib import Calibration, Camera, Status, soccer
 from fieldcalib.cli.main import main
 from fieldcalib.cli.players import COLOURS
 from fieldcalib.draw import draw_minimap, draw_players, minimap, overhead_camera, render_field
+from fieldcalib.fields import Ground
 from fieldcalib.fields.catalogue import tennis
 from fieldcalib.io.players import Player, read_players
 from fieldcalib.io.videos import VideoReader
@@ -242,3 +243,14 @@ def test_the_polygon_that_is_seen_is_what_is_seen_once_the_ground_is_projected(t
             projected = draw_minimap(camera, soccer())
         differs = (np.abs(polygon.astype(int) - projected).max(axis=-1) > 12).astype(np.uint8)
         assert not cv2.erode(differs, np.ones((4, 4), np.uint8)).any()  # but for the width of the border
+
+
+def test_players_on_raised_ground_stand_where_they_are_seen_and_on_a_map_where_they_are():
+    field, foot = soccer().with_ground(Ground(0.4)), (320.0, 200.0)
+    (X,) = CAMERA.image_to_field([foot], terrain=field.terrain)
+    assert X[2] < -0.2
+    on_image = draw_players(np.zeros((SIZE[1], SIZE[0], 3), np.uint8), CAMERA, [X], colours=RED)
+    rows, columns = np.nonzero(on_image[..., 2] > 128)
+    np.testing.assert_allclose((columns.mean(), rows.mean()), foot, atol=0.6)
+    on_maps = [draw_minimap(None, field, points=[one], trails=[[one, (0.0, 0.0, X[2])]]) for one in (X, X * (1, 1, 0))]
+    np.testing.assert_array_equal(*on_maps)

@@ -166,7 +166,7 @@ def test_image_to_field_is_nan_where_no_ray_of_the_lens_arrives():
 
 def test_world_points_have_a_height():
     camera = Camera.from_angles(0.0, 1.3, 0.0, 1500.0, (0.0, 56.0, -15.0), (960, 540))
-    with pytest.raises(ValueError, match=r"shape \(5, 2\); points on the ground have z = 0: append a column of zeros"):
+    with pytest.raises(ValueError, match=r"\(5, 2\); points on level ground have z = 0: append a column of zeros"):
         camera.project(np.zeros((5, 2)))
     with pytest.raises(ValueError, match=r"shape \(\.\.\., 2\), got shape \(5, 3\)$"):
         camera.image_to_field(np.zeros((5, 3)))

@@ -19,6 +19,7 @@ line = {"offside": Line((x, -field.width / 2, 0.0), (x, field.width / 2, 0.0))}
 print(f"{52.5 - x:.1f} m from the goal line")
 
 # %%
+# Of a calibration take `calibration.field.with_segments(line)`: its ground may be higher in the middle.
 picture = draw_field(render_field(camera, field), camera, line, colour=(0, 220, 255), thickness=3)
 picture = draw_players(picture, camera, [[x, y]])
 plt.figure(figsize=(9.6, 5.4))
