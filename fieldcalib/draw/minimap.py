@@ -97,7 +97,7 @@ def draw_minimap(
         result[part] = to_uint8(_lit(empty[:, *part], seen, rim))
         _mark_camera(result, overhead.project(camera.C * (1.0, 1.0, 0.0)), overhead.principal_point)
     every = (np.empty((0, 2)) if points is None else points, *listed(trails, "trails of points"))
-    at, *past = (real_array(one)[..., :2] for one in every)  # a map is level
+    at, *past = (np.atleast_1d(real_array(one))[..., :2] for one in every)  # a map is level
     return draw_players(result, overhead, at, colours=colours, trails=past)
 
 

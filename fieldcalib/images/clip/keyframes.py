@@ -101,7 +101,7 @@ class Keyframes:
         """
         how, size = self.how, self.shots.image_size
         frames, model = pieces.frames(members).tolist(), pieces.model_of(members)
-        if model.is_window or not is_whole_shape(size):
+        if model.is_window == is_whole_shape(size):  # narrow windows tell by their motion how wide the frame is
             how = replace(how, task=as_part(how.task, size))
         if all(piece in self.sized for piece in members):
             how = replace(how, task=replace(how.task, object_segments=self.sized[members[0]]))
