@@ -12,7 +12,7 @@ from data_tools.probability import fitted_coefficients, largest_true_error, reli
 from data_tools.random_frames import random_frame
 from fieldcalib.assess.findings import Finding, Status, Verdict, What
 from fieldcalib.assess.paint_in_view import MarkingInView
-from fieldcalib.assess.probability import OddsTerms, largest_error, probability_right
+from fieldcalib.assess.probability import OddsTerms, largest_error, probability_right, surprises
 from fieldcalib.fields.catalogue import tennis
 from fieldcalib.fields.sports.soccer import PROBABILITY, soccer
 from fieldcalib.geometry.camera import Camera
@@ -144,6 +144,14 @@ def test_a_strong_lens_is_a_surprise_unless_many_labels_lie_on_it(a1, spacing, n
 def test_a_wide_view_with_k1_alone_is_doubted_where_k2_may_move_places_in_view(a1, f, lens, words, is_open):
     found = seen_through_lens(a1, 1.0, 1.0, lens, words, f)
     assert (Finding(What.MORE_LENS) in found.findings) == is_open
+
+
+def test_few_wide_views_through_a_lens_that_bends_hardly_are_doubted(monkeypatch):
+    frames, _ = random_frames(100, seed=4, noise=1.0, stands=("main center",))
+    found = calibrate_batch(FIELD, frames, SIZE)
+    assert sum(one.has_finding(What.MORE_LENS) for one in found) <= 2
+    monkeypatch.setattr("fieldcalib.assess.probability.LEAST_K1", 0.0)
+    assert sum(Finding(What.MORE_LENS) in surprises(one.uncertainty) for one in found) >= 8
 
 
 @pytest.mark.parametrize(("spacing", "noise", "is_surprise"), [(0.2, 1.0, False), (0.2, 2.5, True), (30.0, 1.0, True)])

@@ -444,9 +444,8 @@ def _candidates(task: Task, field: Field, picture: PictureToSearch, *, sized: bo
     yield search(stripes)
     if stripes.bend.a != 0.0:
         yield search(stripes.unbent)  # arcs of circles may have been mistaken for lines that a lens has bent
-    for lighter in (
-        dict.fromkeys((field.lines.lighter, not field.lines.lighter, None)) if field.surface in FLOORS else ()
-    ):
+    in_hall = (field.lines.lighter, not field.lines.lighter, None) if field.surface in FLOORS else ()
+    for lighter in dict.fromkeys(in_hall):
         court = replace(field, lines=replace(field.lines, lighter=lighter))
         stripes = picture.stripes(lighter=lighter, on_floor=True)
         yield search(stripes, court)
