@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from importlib import import_module
-from itertools import pairwise
+from itertools import islice, pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import fieldcalib
 from fieldcalib.console.options import NEGATIVE, Parser
-
-if TYPE_CHECKING:
-    from fieldcalib.io.formats import Format
 
 COMMANDS = {
     "run": "calibrate images, a video or annotated frames",
@@ -71,18 +67,8 @@ def command_parser(arguments: Sequence[str]) -> Parser:
 
 
 def _is_of_labels(arguments: Sequence[str]) -> bool:
-    """Whether the input of a command line is annotations: a file of them, or a folder or zip without pictures."""
-    from fieldcalib.io.formats import ANNOTATIONS, IMAGES, VIDEOS
+    """Whether the input of a command line is annotations."""
+    from fieldcalib.io.formats import are_annotations
 
     named = (one for before, one in pairwise(arguments) if not before.startswith("--"))  # no values of options
-    first = next((path for path in map(Path, named) if path.exists()), None)
-    if first is None or (first.is_file() and first.suffix.lower() != ".zip"):
-        return first is not None and ANNOTATIONS.recognises(first)
-    return _holds(ANNOTATIONS, first) and not _holds(IMAGES, first) and not _holds(VIDEOS, first)
-
-
-def _holds(form: Format[Any, Any], path: Path) -> bool:
-    try:
-        return bool(form.find([path]))
-    except (OSError, ValueError):
-        return False
+    return any(are_annotations(path) for path in islice(filter(Path.exists, map(Path, named)), 1))

@@ -319,6 +319,20 @@ def parse_frame(
     return replace(annotation, pixels=pixels, image_size=size)
 
 
+def are_annotations(path: Path) -> bool:
+    """Whether a path is annotations: a file of them, or a folder or zip of them without pictures and videos."""
+    if path.is_file() and path.suffix.lower() != ".zip":
+        return ANNOTATIONS.recognises(path)
+    return [one for one in (ANNOTATIONS, IMAGES, VIDEOS) if _holds(path, one)] == [ANNOTATIONS]
+
+
+def _holds(path: Path, form: Format[Any, Any]) -> bool:
+    try:
+        return bool(form.find([path]))
+    except (OSError, ValueError):
+        return False
+
+
 def read_annotations(
     path: str | Path, image_size: tuple[int, int] | None = None, *, labels: Labels | str | Path = MappingProxyType({})
 ) -> dict[str, Annotation]:

@@ -281,7 +281,8 @@ class Results(Numbered[Calibration]):
         Returns
         -------
         (height, width, 3) uint8 array
-            Blue, green, red: `fieldcalib.draw.plot_sequence`, or a `fieldcalib.draw.contact_sheet` of overlays.
+            Blue, green, red: `fieldcalib.draw.plot_sequence`, or a `fieldcalib.draw.contact_sheet` of overlays. In a
+            notebook ``matplotlib.pyplot.imshow(results.plot()[..., ::-1])`` shows it.
 
         Raises
         ------

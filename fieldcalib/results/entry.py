@@ -33,6 +33,7 @@ from fieldcalib.images.from_images import How, Mount
 from fieldcalib.io.annotations import Annotation
 from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.files import BrokenFileError
+from fieldcalib.io.formats import are_annotations, read_annotations
 from fieldcalib.io.frame_range import WHOLE, Cut, Position
 from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image, checked_image, in_parts
 from fieldcalib.io.results import lines_file
@@ -104,7 +105,7 @@ def calibrate(
     """Calibrate the cameras of pictures, of a clip, or of labelled pixels.
 
     The frames of a video are calibrated together (`calibrate_video`), pictures one by one (`calibrate_from_images`), as
-    `fieldcalib run` does; labelled pixels as `fieldcalib calibrate` does. Files that cannot be read are in
+    `fieldcalib run` does; labelled pixels as `fieldcalib calibrate` does. Pictures that cannot be read are in
     `Results.broken`, unless none can.
 
     Parameters
@@ -117,7 +118,7 @@ def calibrate(
         * a (height, width, 3) uint8 array in blue, green, red, a picture of PIL, a list of them, or an iterator;
         * a ``cv2.VideoCapture``, whose frames are calibrated one by one;
         * labelled pixels, a mapping of labels to (N, 2) pixels, several of them in a list or by id, or what
-          `read_annotations` returns;
+          `read_annotations` reads, or the path of that;
         * a URL, or ``"-"`` for standard input, up to `end`. To calibrate frames as they come, use `Tracker`.
     field : str or Field
         The name of a sport (`fieldcalib.fields.catalogue.FIELDS`), a file with a field of one's own, a `Field`, or
@@ -344,7 +345,7 @@ def input_of(
     source: object, cut: Cut, clip: bool | None, image_size: tuple[int, int] | None, *, rgb: bool = False
 ) -> Input:
     """Recognise the kind of a source of `fieldcalib.calibrate`; a ValueError if it is none of them."""
-    labels = _labels_in(source)
+    labels = _labels_in(source, image_size)
     if labels is not None:
         if cut != WHOLE or clip is not None:
             raise ValueError("start, end, step and clip are of pictures: leave them out for labelled pixels")
@@ -404,8 +405,11 @@ def pictures_of(input: Input) -> Pictures:
     raise ValueError("the field is found in pictures that can be read twice: name it, or give a list or a path")
 
 
-def _labels_in(source: object) -> dict[str, Labels] | None:
+def _labels_in(source: object, image_size: tuple[int, int] | None) -> Mapping[str, Labels] | None:
     """Labelled pixels by id; None if the source is something else."""
+    if isinstance(source, str | os.PathLike):
+        path = Path(source)
+        return read_annotations(path, image_size) if str(source) and path.exists() and are_annotations(path) else None
     if isinstance(source, Annotation):
         return {source.id: source}
     if isinstance(source, Mapping):

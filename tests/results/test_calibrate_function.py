@@ -278,6 +278,12 @@ def test_annotations_say_the_size_of_their_pictures(tmp_path):
     (tmp_path / "7.json").write_text(json.dumps(record))
     results = calibrate(fieldcalib.io.read_annotations(tmp_path / "7.json"), progress=False)
     assert results["7"].camera.image_size == SIZE
+    assert calibrate(tmp_path, progress=False) == calibrate(tmp_path / "7.json", progress=False) == results
+    with pytest.raises(ValueError, match="are of pictures"):
+        calibrate(tmp_path, end="3f", progress=False)
+    (tmp_path / "8.json").write_text("{}")  # of SoccerNet, which does not say the size
+    with pytest.raises(BrokenFileError, match=r"8\.json: .*give it \(image_size="):
+        calibrate(tmp_path, progress=False)
 
 
 def test_a_stream_is_read_up_to_its_end(rendered, knows, tmp_path, monkeypatch):
