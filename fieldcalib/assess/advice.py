@@ -153,7 +153,8 @@ REMEDIES: Mapping[Status, Remedy] = MappingProxyType(
     {
         Status.REJECTED: Remedy("check the labels of the segments with the largest errors, or give a larger tau"),
         Status.IMPROBABLE: Remedy(
-            f"markings {BY_HAND}, or {KNOWN_CAMERA}; {LEFT_OUT}", (Advice.BY_HAND, Advice.KNOWN_CAMERA)
+            f"markings {BY_HAND}, or {KNOWN_CAMERA}; if anything was given, {LEFT_OUT}",
+            (Advice.BY_HAND, Advice.KNOWN_CAMERA),
         ),
         Status.TOO_FEW_SEGMENTS: Remedy(f"more markings in view, or {BY_HAND}", (Advice.BY_HAND,)),
         Status.DEGENERATE: Remedy(

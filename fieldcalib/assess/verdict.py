@@ -71,26 +71,31 @@ def verdict(evidence: Evidence, tau: float | None) -> tuple[Status, str, *tuple[
     if equations < evidence.unknowns:
         more = Finding(What.TOO_FEW_LABELS, noun, (len(segments), equations, evidence.unknowns))
         return Status.TOO_FEW_SEGMENTS, str(more), more
+    missed = [label for label in segments if evidence.errors[label] > evidence.far]
+    worst = max(missed, key=lambda label: evidence.errors[label], default="")
+    is_named = missed and may_blame(evidence.given, missed, evidence.unknowns)
+    off = f"; {worst!r} lies {evidence.errors[worst]:.0f} px off" if is_named else ""
+    or_another = f"{off}: this label or another one is wrong" if off and not evidence.suspects else ""
     is_open = evidence.weakest.information < OPEN_DIRECTION
     if is_open and (evidence.implausible or not evidence.ground_error() <= 1.0):
-        return Status.DEGENERATE, degeneracy(list(segments.values())) or (
+        left_open = (
             f"the labels leave {evidence.weakest.parameters} open: label a {noun} elsewhere in the image, or give what "
             f"is known of the camera"
         )
+        return Status.DEGENERATE, f"{degeneracy(list(segments.values())) or left_open}{or_another}"
     if evidence.implausible:
-        return Status.IMPLAUSIBLE, f"the best fit is physically implausible: {'; '.join(evidence.implausible)}"
-    missed = [label for label in segments if evidence.errors[label] > evidence.far]
+        return (
+            Status.IMPLAUSIBLE,
+            f"the best fit is physically implausible: {'; '.join(evidence.implausible)}{or_another}",
+        )
     complaint = disagreement(evidence.given, {*evidence.suspects, *missed}, evidence.unknowns)
     if complaint:
-        return Status.IMPLAUSIBLE, complaint
+        return Status.IMPLAUSIBLE, f"{complaint}{or_another}"
     if not evidence.converged:
         return Status.NOT_CONVERGED, "the iterations ended before a minimum"
     if missed:
-        worst = max(missed, key=lambda label: evidence.errors[label])
-        fits = f"{len(segments) - len(missed)} of {labelled} agree"
-        if not may_blame(evidence.given, missed, evidence.unknowns):
-            return Status.ACCEPTED, fits
-        return Status.ACCEPTED, f"{fits}; {worst!r} lies {evidence.errors[worst]:.0f} px off, check its label"
+        check = f"{off}, check its label" if off else ""
+        return Status.ACCEPTED, f"{len(segments) - len(missed)} of {labelled} agree{check}"
     lens = "; the lens is poorly determined by the labels" if evidence.lens_is_prior else ""
     return Status.ACCEPTED, f"rms {evidence.rms:.2f} px over {labelled}{lens}"
 

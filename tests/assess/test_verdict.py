@@ -41,6 +41,11 @@ GOOD = Evidence(
     ground_error=lambda: 0.1,
     converged=True,
 )
+OPEN = Direction(1e-4, "x")
+FEW = ("Side line top", "Big rect. left main", "Big rect. left top", "Side line left")
+FOUR = replace(
+    GOOD, errors=dict.fromkeys(FEW, 1.0), **dict.fromkeys(("labels", "given"), labels_of({k: FRAME[k] for k in FEW}))
+)
 
 
 def seen(camera, frame, objects=FIELD):
@@ -170,14 +175,23 @@ def test_two_thirds_of_the_segments_must_agree(missed, accepted):
 
 
 def test_segments_that_agree_must_suffice():
-    four = {
-        label: FRAME[label]
-        for label in ("Side line top", "Big rect. left main", "Big rect. left top", "Side line left")
-    }
-    errors = {**dict.fromkeys(four, 1.0), "Side line top": 90.0}
-    evidence = replace(GOOD, labels=labels_of(four), given=labels_of(four), errors=dict.fromkeys(four, 1.0))
-    assert verdict(evidence, None)[0] is Status.ACCEPTED
-    assert verdict(replace(evidence, errors=errors), None)[0] is Status.IMPLAUSIBLE
+    errors = {**FOUR.errors, "Side line top": 90.0}
+    assert verdict(FOUR, None)[0] is Status.ACCEPTED
+    assert verdict(replace(FOUR, errors=errors), None)[0] is Status.IMPLAUSIBLE
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{}, {"implausible": ["it stands inside the field"]}, {"weakest": OPEN, "ground_error": lambda: 1.1}],
+    ids=["disagreement", "implausible", "degenerate"],
+)
+def test_a_rejected_fit_names_the_segment_that_it_misses_most(changes):
+    errors = {**FOUR.errors, "Side line left": 40.0, "Side line top": 80.0}
+    missing = replace(FOUR, errors=errors, **changes)
+    assert verdict(missing, None)[1].endswith("; 'Side line top' lies 80 px off: this label or another one is wrong")
+    suspect = replace(missing, suspects=["Side line left"])  # which is told anyway
+    for other in (suspect, replace(missing, errors=FOUR.errors)):
+        assert "Side line top" not in verdict(other, None)[1]
 
 
 @pytest.mark.parametrize(
