@@ -178,15 +178,17 @@ class FrameTable:
         interpolated = np.interp(np.arange(len(self)), known, [misfit[t] for t in known])
         return replace(self, misfit=np.where(self.has_camera, interpolated, self.misfit))
 
-    def message(self, t: int) -> str:
-        """Reason for the status of frame t."""
+    def message(self, t: int, tolerance: float) -> str:
+        """Reason for the status of frame t; frames known to `tolerance` metres are accepted."""
         labelled, basis = int(np.count_nonzero(self.label_counts[t])), BASES[self.basis[t]]
         parts = [self.notes[t]] if t in self.notes else []
         if labelled and basis in (Basis.LINES, Basis.BOTH):
             parts.append(f"rms {self.rms[t]:.2f} px over {labelled} segment{'s' * (labelled != 1)}")
         if np.isfinite(self.ground_error[t]):
             how = basis if basis is Basis.INTERPOLATED else f"by {basis}"
-            parts.append(f"{how}, the field in view to {self.ground_error[t]:.2f} m")
+            is_over = self.status[t] == IMPROBABLE and self.ground_error[t] > tolerance
+            limit = f", and at most {tolerance:g} m are accepted" if is_over else ""
+            parts.append(f"{how}, the field in view to {self.ground_error[t]:.2f} m{limit}")
         return "; ".join(parts)
 
     def to_dict(self) -> dict[str, Any]:

@@ -218,7 +218,7 @@ class SequenceCalibration(FrameSequence):
         return Calibration(
             camera,
             STATUSES[frames.status[t]],
-            frames.message(t),
+            frames.message(t, tolerance_of(self.field)),
             float(frames.rms[t]),
             float("nan"),
             {frames.labels[k]: float(frames.label_errors[t, k]) for k in labelled},

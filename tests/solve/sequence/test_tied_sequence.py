@@ -1,12 +1,15 @@
 """Frames of one tripod that matches of the background tie, with and without labels of their own."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tripods import CENTRE, SIZE, chain, far_off, matched, panned
 
 from data_tools.synthetic.clips import labelled
 from fieldcalib import calibrate_sequence, soccer
-from fieldcalib.assess.frame_table import Basis
+from fieldcalib.assess.findings import Status
+from fieldcalib.assess.frame_table import STATUSES, Basis
 from fieldcalib.problem.layout import LOG_F
 
 FIELD = soccer(size_known=True)
@@ -56,6 +59,16 @@ def test_frames_without_labels_have_cameras(found, frames):
         assert np.isfinite(frame.covariance).all()
         assert ("by matches, the field in view to" in frame.message) == (not frames[t])
         assert not frames[t] or f"over {len(frames[t])} segments" in frame.message
+
+
+def test_a_frame_that_is_known_too_little_says_the_limit(found):
+    t = found.basis.index(Basis.MATCHES)
+    known = found.frames.ground_error.copy()
+    known[t] = 1.32
+    refused = replace(found.frames, ground_error=known, status=np.full(len(known), STATUSES.index(Status.IMPROBABLE)))
+    one = replace(found, frames=refused)[t]
+    assert one.reason.endswith("by matches, the field in view to 1.32 m, and at most 1 m are accepted")
+    assert "at most" not in found[t].reason
 
 
 def test_ties_tell_more_than_labels_alone(found, frames):
