@@ -15,7 +15,7 @@ from fieldcalib.assess.findings import Status
 from fieldcalib.assess.result import Calibration
 from fieldcalib.editor.clip import FirstPass, Progress, Proposal, first_pass, ignored, next_frame, solve, window_around
 from fieldcalib.editor.edit import Edit, History, Marks, check_edit
-from fieldcalib.editor.fitting import automatic, marks_of, network_marks, network_of, searched
+from fieldcalib.editor.fitting import automatic, marks_of, network_marks, network_of, searched, with_strays
 from fieldcalib.editor.folder import NOTHING_KEPT, Folder, field_of, frames_of, places_of
 from fieldcalib.editor.frame import FrameEditor, moved_marks
 from fieldcalib.editor.frame_states import FrameState, FrameStates, Row, Table, basis_of, is_by_hand
@@ -476,7 +476,13 @@ class Editor:
             self._first_pass = first_pass(self.frames, window, self.field, network, self._run_options, progress)
         cuts = self.cuts if self.has_own_cuts else None
         found = solve(self.frames, self._first_pass, anchors, cuts, self._now, progress)
-        return replace(found, revisions={n: revisions[n] for n in found.anchors})
+        in_clip = {n: one for n, one in found.calibrations.items() if n in anchors and one is not anchors[n]}
+        told = {n: with_strays(self._states[n].edits.history.present.marks, one) for n, one in in_clip.items()}
+        return replace(
+            found,
+            calibrations={**found.calibrations, **told},
+            revisions={n: revisions[n] for n in found.anchors},
+        )
 
     def next_to_mend(self) -> int | None:
         """Number of the frame of a clip whose labels would help most; None if all cameras are good.

@@ -150,10 +150,10 @@ def _agreeing(field: Field, by_hand: Marks, by_marks: Calibration, refined: Cali
     errors, after = mark_errors(field, by_hand, [by_marks.required_camera, refined.required_camera])
     farther = max(FARTHER * pixel_unit(refined.required_camera.image_size), FARTHER_CLICKS)
     if refined is by_marks or (len(by_hand) and _rms(after) > _rms(errors) + farther):
-        return _with_strays(by_hand, by_marks, errors)
+        return with_strays(by_hand, by_marks)
     suspects = (one for one in found_of(by_marks) if one.what is What.SUSPECTS)
     refined = replace(refined, suspect_labels=by_marks.suspect_labels)
-    return _with_strays(by_hand, with_findings(refined, *suspects), after)
+    return with_strays(by_hand, with_findings(refined, *suspects))
 
 
 def _rms(errors: Array) -> float:
@@ -175,12 +175,15 @@ def is_left_out(error: float, image_size: tuple[int, int]) -> bool:
     return error > BESIDE * pixel_unit(image_size)
 
 
-def _with_strays(by_hand: Marks, calibration: Calibration, errors: Array) -> Calibration:
-    """Add findings for marks of a person that lie far from their markings; `errors` (N,) are their distances."""
-    size = calibration.required_camera.image_size
-    worst: dict[str, float] = {}
+def with_strays(marks: Marks, calibration: Calibration) -> Calibration:
+    """Add findings for marks of a person that lie far from their markings."""
+    camera, field = calibration.camera, calibration.field
+    if camera is None or field is None:
+        return calibration
+    by_hand, worst = marks.of_field(field).only_by_hand, dict[str, float]()
+    (errors,) = mark_errors(field, by_hand, [camera])
     for mark, error in zip(by_hand.all, errors.tolist(), strict=True):
-        if is_stray(error, size):
+        if is_stray(error, camera.image_size):
             worst[mark.label] = max(error, worst.get(mark.label, 0.0))
     return with_findings(calibration, *(Finding(What.STRAY, label, (error,)) for label, error in worst.items()))
 

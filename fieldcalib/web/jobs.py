@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from threading import Condition, Lock, Thread
 from typing import Any
 
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.editor.clip import Progress, Proposal
 from fieldcalib.editor.editor import Editor
 from fieldcalib.io.files import BrokenFileError
@@ -139,12 +140,15 @@ class ClipJob:
         status = self._status
         changes = None
         if status.state == "ready" and status.proposal is not None:
-            numbers, ids = list(status.proposal.calibrations), self._editor.ids
+            numbers, ids, before = list(status.proposal.calibrations), self._editor.ids, self._editor.table.rows
             moves = [status.proposal.moves[n] for n in numbers]
             changes = {
                 "frames": numbers,
                 "pixels": [None if math.isnan(move) else round(move, 2) for move in moves],
-                "verdict": [str(one.verdict) for one in status.proposal.calibrations.values()],
+                "good": [
+                    sum(before[n].verdict == Verdict.GOOD for n in numbers),
+                    sum(one.verdict is Verdict.GOOD for one in status.proposal.calibrations.values()),
+                ],
                 "contradicted": {ids[n]: what for n, what in status.proposal.contradicted.items()},
             }
         return {

@@ -195,6 +195,25 @@ def with_camera_files(clip, out):
     return out
 
 
+def test_a_mark_far_from_the_camera_of_the_clip_is_told(clip, tmp_path, monkeypatch):
+    """A camera that the clip gives a mended frame is to be checked, as that of a picture is."""
+    editor, camera = edited(clip, out=tmp_path / "out"), TRUTH.scaled((96, 54))
+    near, far = camera.project(soccer()["Big rect. right main"].sample(1.0))[:2], [(20.0, 50.0), (30.0, 50.0)]
+    editor[5] = editor[5].clear().mark("Big rect. right main", near, snap=False)
+    editor[5] = editor[5].mark("Middle line", far, snap=False)
+    labels = ("Side line top", "Side line right", "Big rect. right main", "Big rect. right top")
+    pixels = {label: camera.project(soccer()[label].sample(3.0)) for label in labels}
+    of_clip = calibrate_from_segments(soccer(), pixels, camera.image_size)
+    monkeypatch.setattr("fieldcalib.editor.editor.first_pass", lambda *_: None)
+    monkeypatch.setattr("fieldcalib.editor.editor.solve", lambda *_: proposal([of_clip] * 8, Window(0, 8), [5]))
+    found = editor.solve().calibrations
+    assert [(one.what, one.about) for one in found[5].findings if one.what is What.STRAY] == [
+        (What.STRAY, "Middle line")
+    ]
+    assert "correct 'Middle line'" in found[5].remedy
+    assert found[4] is of_clip
+
+
 def test_a_clip_is_kept_in_the_folder_of_a_run(clip, tmp_path):
     out = with_camera_files(clip, tmp_path / "out")
     before = {path.name: path.read_bytes() for path in out.glob("camera_*.json")}

@@ -84,9 +84,9 @@ export class ClipBar {
     if (state === "running") return [stage || "Solving the clip", total ? `${done} of ${total}` : ""].filter(Boolean).join(", ");
     if (state === "failed") return error || "The clip could not be solved.";
     if (state === "ready") {
-      const { frames, pixels, contradicted } = changes;
+      const { frames, pixels, good, contradicted } = changes;
       if (!frames.length) return "Solved again: no frame changes.";
-      const moved = `${counted(frames.length, "frame")} would change, by up to ${shownNumber(Math.max(...pixels.map((one) => one ?? 0)), 1)} px`;
+      const moved = `${counted(frames.length, "frame")} would change, by up to ${shownNumber(Math.max(...pixels.map((one) => one ?? 0)), 1)} px; ${good[1]} would be good, ${good[0]} are`;
       const told = Object.entries(contradicted).map(([id, what]) => ` The labels of ${id} contradict the clip, ${what}: that frame keeps its own camera.`);
       return `Solved again: ${moved}.${told.join("")}`;
     }
