@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -212,15 +211,14 @@ class ResultsWriter:
         frames = counted(self.done, "frame")
         if self.squashed >= max(SUSPICIOUS[0], SUSPICIOUS[1] * self.verdicts.total()):
             seen = f"{self.squashed} of {frames} show pixels that are not square"
-            print(f"{seen}: is the size right? --aspect declares squashed pictures", file=sys.stderr)
+            say(f"{seen}: is the size right? --aspect declares squashed pictures")
             return
         is_declared = any(options.get(name, "") is not None for name in DECLARATIONS)
         if self.nearly_square and not is_declared and options.get(ASPECT) in (None, ESTIMATED):
             verb = "is" if self.nearly_square == 1 else "are"
-            print(
-                f"{self.nearly_square} of {frames} {verb} nearly square: pictures of broadcasts "
-                f"of that shape were squashed, which --aspect declares, or cropped, which --crop-of does",
-                file=sys.stderr,
+            say(
+                f"{self.nearly_square} of {frames} {verb} nearly square: pictures of broadcasts of that shape were "
+                f"squashed, which --aspect declares, or cropped, which --crop-of does"
             )
 
     def _say_what_to_look_at(self, options: Mapping[str, Any]) -> None:

@@ -260,7 +260,8 @@ class Tracker:
         """Calibrate the images of a camera as they come; those that come faster than they are calibrated are dropped.
 
         A thread reads the images. Of those that wait, the last few are kept (`fieldcalib.io.image_files.Newest`), so
-        that no camera is late by more than a fraction of a second.
+        that no camera is late by more than a fraction of a second. Of a file, which is read faster than it plays, most
+        images are dropped: `update` each of them instead, or use `fieldcalib.calibrate`.
 
         Parameters
         ----------
