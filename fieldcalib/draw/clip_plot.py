@@ -9,7 +9,6 @@ from typing import TypeAlias
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray, listed, number
-from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.assess.video import VideoCalibration
@@ -41,7 +40,6 @@ Box: TypeAlias = tuple[float, float, float, float]  # left, top, right, bottom
 QUANTITIES = ("pan", "tilt", "roll", "focal length", "centre x", "centre y", "centre z")
 UNITS = ("deg", "deg", "deg", "px", "m", "m", "m")
 ACCEPTED, REJECTED, NONE = "accepted", "rejected", "no camera"
-RESTS_ON: tuple[str, ...] = tuple(Basis)[1:]  # "lines", "matches", "lines and matches", "interpolated"
 STRIP_COLOURS: dict[str, Colour] = {
     ACCEPTED: (90, 165, 70),
     "lines and matches": (90, 165, 70),
@@ -72,14 +70,13 @@ def plot_sequence(
     calibrations: Sequence[Calibration | None],
     *,
     frames_per_second: float | None = None,
-    rests_on: Sequence[str | None] | None = None,
 ) -> Image:
     """Plot pan, tilt, roll, focal length and centre of the cameras of a clip over time.
 
     A band around each curve is the 95 % interval of each frame; its median half width is written beside it, or the
     smallest and the largest one where shots differ. Frames without camera are gaps, cameras that are not accepted are
     red. Values far from all others of their shot may lie outside their panel: a triangle at its edge points there. The
-    strip on top shows the status of each frame.
+    strip on top shows the status of each frame, of an accepted one in a sequence or a video what its camera rests on.
 
     Parameters
     ----------
@@ -88,9 +85,6 @@ def plot_sequence(
         `VideoCalibration` has curves of its own.
     frames_per_second : float, optional
         Rate of the frames: with it, the time axis is in seconds, otherwise in frames.
-    rests_on : sequence of str or None, optional
-        The data that the camera of each frame rests on, in the words of `Basis`; None where there is no camera. By
-        default `basis` of a `SequenceCalibration` or `VideoCalibration`. The strip shows it for accepted frames.
 
     Returns
     -------
@@ -100,7 +94,7 @@ def plot_sequence(
     Raises
     ------
     ValueError
-        If there is no frame, `rests_on` is of another length or has another word, or the rate is not positive.
+        If there is no frame, or the rate is not positive.
 
     Examples
     --------
@@ -116,7 +110,7 @@ def plot_sequence(
         raise ValueError("expected the calibrations of at least one frame, got none")
     if frames_per_second is not None and not 0.0 < number(frames_per_second, "frames_per_second") < np.inf:
         raise ValueError(f"frames_per_second must be positive, got {frames_per_second}")
-    statuses = _statuses(calibrations, rests_on)
+    statuses = _statuses(calibrations)
     accepted = np.array([status not in (NONE, REJECTED) for status in statuses])
     time = np.arange(len(calibrations)) / (frames_per_second or 1.0)
     canvas = Canvas.blank(FIGURE)
@@ -142,22 +136,18 @@ def plot_sequence(
     return canvas.reduced()
 
 
-def _statuses(calibrations: Sequence[Calibration | None], rests_on: Sequence[str | None] | None) -> list[str]:
+def _statuses(calibrations: Sequence[Calibration | None]) -> list[str]:
     """A key of `STRIP_COLOURS` for each frame."""
-    if rests_on is None and isinstance(calibrations, SequenceCalibration | VideoCalibration):
-        rests_on = calibrations.basis
     checked_calibrations(calibrations)
-    rests_on = [None] * len(calibrations) if rests_on is None else listed(rests_on, "rests_on of each frame")
-    if len(rests_on) != len(calibrations):
-        raise ValueError(f"rests_on must be of {len(calibrations)} frames as the calibrations, got {len(rests_on)}")
+    rests_on: Sequence[str] = len(calibrations) * [""]
+    if isinstance(calibrations, SequenceCalibration | VideoCalibration):
+        rests_on = calibrations.basis
     found = []
     for calibration, basis in zip(calibrations, rests_on, strict=True):
-        if basis is not None and not (isinstance(basis, str) and basis in ("", *RESTS_ON)):
-            raise ValueError(f"rests_on must be one of {', '.join(RESTS_ON)}, or None, got {basis!r}")
         if calibration is None or calibration.camera is None:
             found.append(NONE)
         else:
-            found.append((str(basis) if basis else ACCEPTED) if calibration.accepted else REJECTED)
+            found.append((str(basis) or ACCEPTED) if calibration.accepted else REJECTED)
     return found
 
 

@@ -131,23 +131,14 @@ def test_a_sequence_says_itself_what_its_frames_rest_on():
     frames = [frame.pixels if t % 2 == 0 else {} for t, frame in enumerate(labelled(cameras, soccer(), rng, 0.5))]
     matches = matched(cameras, [(0, 1), (0, 2), (2, 3)], rng)
     found = calibrate_sequence(soccer(size_known=True), frames, (960, 540), matches=matches)
-    strip = plot_sequence(found)[TOP + STRIP // 2]
+    assert [str(basis) for basis in found.basis] == ["lines and matches", "matches"] * 2
+    found = replace(found, frames=replace(found.frames, basis=np.arange(1, 5)))
     words = [str(basis) for basis in found.basis]
-    assert words == ["lines and matches", "matches"] * 2
+    assert words == ["lines", "matches", "lines and matches", "interpolated"]
+    strip = plot_sequence(found)[TOP + STRIP // 2]
     width = FIGURE[0] - RIGHT - LEFT
     for frame, word in enumerate(words):
         assert tuple(strip[int(LEFT + width * (frame + 0.5) / 4)]) == STRIP_COLOURS[word]
-
-
-def test_what_frames_rest_on(calibrations):
-    words = ["lines"] * 8 + ["matches"] * 3 + ["lines and matches"] * 3 + ["interpolated"] * 5 + [None]
-    picture = plot_sequence([*calibrations[:-1], None], rests_on=words)
-    for frame, word in enumerate(words):
-        assert tuple(picture[TOP + STRIP // 2, column(frame)]) == STRIP_COLOURS[word or "no camera"]
-    with pytest.raises(ValueError, match=r"rests_on must be one of lines, .*, interpolated, or None, got 'guess'"):
-        plot_sequence(calibrations, rests_on=["guess"] * COUNT)
-    with pytest.raises(ValueError, match="rests_on must be of 20 frames as the calibrations, got 3"):
-        plot_sequence(calibrations, rests_on=["lines"] * 3)
 
 
 def test_labels_that_leave_the_camera_open():

@@ -25,7 +25,7 @@ for name, (value, sigma) in list(video.tripods[0].shared.items())[:3]:
 
 # %%
 # What `fieldcalib run` writes as ``motion.png``.
-picture = plot_sequence(video, frames_per_second=25.0, rests_on=video.basis)
+picture = plot_sequence(video, frames_per_second=25.0)
 plt.figure(figsize=(9.6, 7.5))
 plt.imshow(picture[..., ::-1])
 plt.axis("off")
