@@ -171,7 +171,7 @@ def run(options: argparse.Namespace) -> int:
     for size, extent in extents.items():
         hint = hint_of_another_size(extent.farthest, extent.count, size)
         if hint and extent.count >= LEAST_BOXES:
-            say(f"of the boxes, {hint} --size says which")
+            say(f"the boxes {hint} --size says of which they are, 1x1 for shares")
     return 0
 
 

@@ -64,6 +64,10 @@ SCORED, FINALISTS = 1000, 5  # points on which all draws are scored; the best dr
 FARTHEST = 1e6  # px: largest distance; also for points behind the camera
 
 HORIZONTAL = rotation_from_angles(np.array([0.0, np.pi / 2.0, 0.0]))  # towards the far side, horizontally
+BELOW = (
+    "the camera is below the plane of the points if z points down, as it does on fields: in axes with z up that is "
+    "right, else x and y are exchanged, or one of them is turned over"
+)
 SOLVED_SIZE = 30.0  # metres: root mean square distance from the centroid, about that of the part of a field in view
 
 
@@ -322,9 +326,13 @@ def _examined(found: Calibration, points: Points, task: Task, options: Options) 
     if task.prior is None and not is_placed:
         found = with_findings(found, *unchecked(found, points.X, options.unknowns, read))
     found = with_doubted_points(found, points.pixels, size, options.unknowns)
-    if not (hint and on_field) or found.verdict == Verdict.GOOD or found.has_finding(What.OTHER_PICTURE):
-        return found
-    return replace(found, message=f"{found.message}; of the points, {hint}")
+    notes = [found.message]
+    if hint and (on_field or is_contradicted(found)) and not found.has_finding(What.OTHER_PICTURE):
+        notes += [f"the points {hint}"] * (found.verdict != Verdict.GOOD)
+    is_plane = not on_field and not is_placed and len(points.X) > 0 and np.ptp(points.X[:, 2]) == 0.0
+    if is_plane and found.accepted and found.required_camera.C[2] > points.X[0, 2]:
+        notes.append(BELOW)
+    return replace(found, message="; ".join(notes))
 
 
 @dataclass(frozen=True, eq=False)

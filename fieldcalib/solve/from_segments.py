@@ -25,7 +25,7 @@ from fieldcalib.assess.ndc import ndc_losses
 from fieldcalib.assess.observability import OPEN_DIRECTION, Information
 from fieldcalib.assess.probability import UNUSUAL, largest_error
 from fieldcalib.assess.result import Calibration, found_of
-from fieldcalib.assess.verdict import STEEPLY, Evidence, implausibilities, verdict
+from fieldcalib.assess.verdict import STEEPLY, Evidence, implausibilities, may_blame, verdict
 from fieldcalib.fields.field import Field, ObjectSegments, turned_camera
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate, with_segment_ends
@@ -453,7 +453,10 @@ def _against(
     suspected = {suspect.label for suspect in suspects}
     missed = [label for label, error in errors.items() if error > evidence.far and label not in suspected]
     found = [Finding(What.SUSPECTS, numbers=(len(suspects), len(errors)))] if suspects else []
-    found += [Finding(What.MISSED, numbers=(len(missed), len(errors)))] if missed else []
+    if missed:
+        is_named = may_blame(evidence.given, missed, evidence.unknowns)
+        worst = max(missed, key=lambda label: errors[label]) if is_named else ""
+        found.append(Finding(What.MISSED, worst, (len(missed), len(errors))))
     is_misfit = evidence.rms > NOISY * options.noise
     return found + ([Finding(What.MISFIT, numbers=(float(evidence.rms),))] if is_misfit else [])
 

@@ -188,7 +188,7 @@ def _with_exchanged_sides(
 ) -> dict[int, Calibration]:
     """Calibrations of labels in which left and right, or top and bottom, are exchanged, where that explains them."""
     exchanged = dict(found)
-    doubtful = [t for t, one in found.items() if one.camera and not (one.accepted and len(one.suspect_labels) < 2)]
+    doubtful = [t for t, one in found.items() if one.camera and not _is_mostly_explained(one)]
     for about, names in (("left and right", of.mirrored[0]), ("top and bottom", of.mirrored[1])):
         tried = [t for t in doubtful if any(names.get(one, one) != one for one in found[t].per_segment_errors)]
         others = solve(tried, [names] * len(tried)) if tried else []
@@ -199,6 +199,12 @@ def _with_exchanged_sides(
                 doubtful.remove(t)
                 exchanged[t] = _under_given_names(other, names, Finding(What.EXCHANGED_SIDES, about))
     return exchanged
+
+
+def _is_mostly_explained(calibration: Calibration) -> bool:
+    """Whether a camera is accepted and misses none of its labels, of which at most one is suspect."""
+    is_missed = any(one.what is What.MISSED for one in found_of(calibration))
+    return calibration.accepted and len(calibration.suspect_labels) < 2 and not is_missed
 
 
 def _is_opposite(calibration: Calibration, field: Field) -> bool:

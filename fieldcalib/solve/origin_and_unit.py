@@ -64,7 +64,7 @@ BEYOND_STANDS = 160.0  # metres from the axis through both goals: main stands re
 
 
 def hint_of_another_size(farthest: Array, count: int, image_size: tuple[int, int]) -> str:
-    """Warning about pixels that fill only a part of their image, or lie beyond it; empty for other pixels.
+    """Question about pixels that fill only a part of their image, or lie beyond it; empty for other pixels.
 
     Parameters
     ----------
@@ -78,18 +78,23 @@ def hint_of_another_size(farthest: Array, count: int, image_size: tuple[int, int
     Examples
     --------
     >>> hint_of_another_size(np.array([636.0, 588.0]), 12, (1920, 1080))
-    'they reach to (636, 588) in an image of 1920 x 1080: were they found in one of another size, as 640 x 640?'
+    'reach to (636, 588) in an image of 1920 x 1080: were they found in one of another size?'
+    >>> hint_of_another_size(np.array([0.9, 1.0]), 12, (1920, 1080))
+    'lie between 0 and 1: are they shares of the width and height of the image?'
+    >>> hint_of_another_size(np.array([588.0, 1730.0]), 12, (1920, 1080))
+    'reach to (588, 1730) in an image of 1920 x 1080: are x and y, or width and height, exchanged?'
     >>> hint_of_another_size(np.array([1730.0, 588.0]), 12, (1920, 1080))
     ''
     """
     reach = np.divide(farthest, image_size)
     if count < LEAST_PIXELS or not (np.all(reach < LEAST_REACH) or np.any(reach > FARTHEST_REACH)):
         return ""
+    if np.all(farthest <= 1.0):
+        return "lie between 0 and 1: are they shares of the width and height of the image?"
     (x, y), (width, height) = np.round(farthest).astype(int).tolist(), image_size
-    return (
-        f"they reach to ({x}, {y}) in an image of {width} x {height}: were they found in one of another size, as "
-        f"640 x 640?"
-    )
+    is_turned = np.any(reach > FARTHEST_REACH) and x <= height and y <= width
+    why = "are x and y, or width and height, exchanged?" if is_turned else "were they found in one of another size?"
+    return f"reach to ({x}, {y}) in an image of {width} x {height}: {why}"
 
 
 @dataclass(frozen=True)

@@ -160,7 +160,7 @@ class Guard:
     def _refused_post(headers: dict[bytes, bytes]) -> tuple[int, str] | None:
         host = headers[b"host"].decode("latin-1").lower()
         if not _is_own(headers.get(b"origin", b""), host):
-            return 403, "requests from pages of other sites are not answered"
+            return 403, "requests from pages of other sites are not answered: give the header Origin of this page"
         if headers.get(b"content-type", b"").split(b";")[0].strip().lower() != b"application/json":
             return 415, "expected a body of application/json"
         length = headers.get(b"content-length", b"0")
