@@ -277,7 +277,9 @@ class Calibration:
         may_be_resized = self.field is not None and self.field.moves_with_size and not self.field.size_known
         found = remedy_of(self.status, self.findings, are_annotated=self.are_annotated, may_be_resized=may_be_resized)
         wrong = dict.fromkeys(one.label for one in self.suspect_labels)
-        wrong |= dict.fromkeys(one.about for one in self.findings if one.what in (What.STRAY, What.MISSED) and one.about)
+        wrong |= dict.fromkeys(
+            one.about for one in self.findings if one.what in (What.STRAY, What.MISSED) and one.about
+        )
         if found is MENDED_LABELS and wrong:
             return Remedy(f"correct {', '.join(map(repr, wrong))}, or leave {'it' if len(wrong) == 1 else 'them'} out")
         if found is not NOTHING or not self.accepted:

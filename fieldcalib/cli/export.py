@@ -80,7 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the command and add its arguments, which `run` takes."""
     parser.description = "Write the cameras that calibrate or run found in the format of another tool."
     parser.add_argument("folder", type=Path, metavar="DIR", help="what calibrate or run wrote")
-    parser.add_argument("--format", required=True, choices=FORMATS, help="of the files")
+    parser.add_argument("--format", required=True, choices=FORMATS, help="what to write: a tool, or homography")
     parser.add_argument("--out", type=folder_name, metavar="PATH", help="folder for the files (DIR/FORMAT)")
     parser.add_argument("--overwrite", action="store_true", help="replace files that are there")
     parser.add_argument("--frames", nargs="+", metavar="ID", help="these only (all)")

@@ -61,12 +61,11 @@ ROUNDS = 2  # of calibrating these images and estimating the size
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the command and add its arguments, which `run` takes."""
     parser.description = (
-        "Find the markings in images or in a video, calibrate a camera for every frame and refine it on "
-        "its image; the frames of a video are calibrated together, annotated frames as by fieldcalib calibrate, whose "
-        "options are then those of run. Writes cameras.jsonl with one line a frame, summary.json, and overlays: "
-        "overlay_<id>.jpg of images, overlay.mp4 of a video, whose ids are numbers of frames. Of a clip also "
-        "tripods.json with its shots and what their frames share, motion.png with the cameras over time, and "
-        "worst_frames.jpg."
+        "Find the markings in images or in a video, calibrate a camera for every frame and refine it on its image; the "
+        "frames of a video are calibrated together. Annotated frames take the options of fieldcalib calibrate --help, "
+        "as --size. Writes cameras.jsonl with one line a frame, summary.json, and overlays: overlay_<id>.jpg of "
+        "images, overlay.mp4 of a video, whose ids are numbers of frames. Of a clip also tripods.json with its shots "
+        "and what their frames share, motion.png with the cameras over time, and worst_frames.jpg."
     )
     add_inputs(
         parser,

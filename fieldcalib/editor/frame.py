@@ -526,7 +526,9 @@ class FrameEditor:
 
     @property
     def next_mark(self) -> NextMark | None:
-        """The mark that would reduce the camera's errors most; None without a camera."""
+        """The mark that would reduce the camera's errors most; None without a camera that was fitted to labels."""
+        if self.calibration.solved is None:
+            return None
         return next_mark(self.calibration, self.marks.of_field(self.field).only_by_hand.pixels)
 
     def click_errors(self, X: ArrayLike) -> Array:

@@ -33,7 +33,7 @@ from fieldcalib.images.from_images import How, Mount
 from fieldcalib.io.annotations import Annotation
 from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.files import BrokenFileError
-from fieldcalib.io.formats import are_annotations, read_annotations
+from fieldcalib.io.formats import are_annotations
 from fieldcalib.io.frame_range import WHOLE, Cut, Position
 from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image, checked_image, in_parts
 from fieldcalib.io.results import lines_file
@@ -57,10 +57,10 @@ from fieldcalib.run_folder.frame_source import (
     pixels_of,
     videos_in,
 )
-from fieldcalib.run_folder.labelled_frames import paper_losses
+from fieldcalib.run_folder.labelled_frames import AnnotationReader, paper_losses
 from fieldcalib.run_folder.record import RECORD, RunRecord
 from fieldcalib.run_folder.results import CLIP
-from fieldcalib.run_folder.work_units import grouped, unit_size, units_of
+from fieldcalib.run_folder.work_units import grouped, read_each, unit_size, units_of
 from fieldcalib.solve.batch import calibrate_labels
 from fieldcalib.solve.field_size import of_size, shared_size
 from fieldcalib.solve.request import GivenCamera, Task
@@ -105,7 +105,7 @@ def calibrate(
     """Calibrate the cameras of pictures, of a clip, or of labelled pixels.
 
     The frames of a video are calibrated together (`calibrate_video`), pictures one by one (`calibrate_from_images`), as
-    `fieldcalib run` does; labelled pixels as `fieldcalib calibrate` does. Pictures that cannot be read are in
+    `fieldcalib run` does; labelled pixels as `fieldcalib calibrate` does. Files that cannot be read are in
     `Results.broken`, unless none can.
 
     Parameters
@@ -345,7 +345,7 @@ def input_of(
     source: object, cut: Cut, clip: bool | None, image_size: tuple[int, int] | None, *, rgb: bool = False
 ) -> Input:
     """Recognise the kind of a source of `fieldcalib.calibrate`; a ValueError if it is none of them."""
-    labels = _labels_in(source, image_size)
+    labels = _labels_in(source)
     if labels is not None:
         if cut != WHOLE or clip is not None:
             raise ValueError("start, end, step and clip are of pictures: leave them out for labelled pixels")
@@ -371,6 +371,8 @@ def input_of(
         return _arrays([_in_bgr(one) for one in source] if rgb else source, cut, clip)
     if hasattr(source, "retrieve"):  # a cv2.VideoCapture
         source = _captured(source)
+    if source is None:
+        checked_image(source)  # it is what cv2.imread returns for a file that is not there
     if not isinstance(source, Iterable):
         raise ValueError(f"{EXPECTED}, got {source!r}")
     if clip:
@@ -405,11 +407,11 @@ def pictures_of(input: Input) -> Pictures:
     raise ValueError("the field is found in pictures that can be read twice: name it, or give a list or a path")
 
 
-def _labels_in(source: object, image_size: tuple[int, int] | None) -> Mapping[str, Labels] | None:
-    """Labelled pixels by id; None if the source is something else."""
+def _labels_in(source: object) -> Mapping[str, Labels] | Path | None:
+    """Labelled pixels by id, or the path of annotations; None if the source is something else."""
     if isinstance(source, str | os.PathLike):
         path = Path(source)
-        return read_annotations(path, image_size) if str(source) and path.exists() and are_annotations(path) else None
+        return path if str(source) and path.exists() and are_annotations(path) else None
     if isinstance(source, Annotation):
         return {source.id: source}
     if isinstance(source, Mapping):
@@ -458,9 +460,9 @@ def _arrays(images: Sequence[Image], cut: Cut, clip: bool | None) -> Input:
 
 @dataclass(frozen=True, eq=False)
 class Labelled:
-    """Labelled pixels by id; each frame is calibrated by itself."""
+    """Labelled pixels by id, or the path of annotations; each frame is calibrated by itself."""
 
-    labels: Mapping[str, Labels]
+    labels: Mapping[str, Labels] | Path
     image_size: tuple[int, int] | None
     """Size of the pictures, if the user gives it."""
 
@@ -473,21 +475,35 @@ class Labelled:
         _check_no_clip(how)
         field = how.task.field
         assert field is not None  # `fieldcalib.calibrate` makes it
-        frames = {id: self._frame(id, one, field) for id, one in self.labels.items()}
-        collected = Collected()
+        frames, collected = self._frames(field), Collected()
         with progress_bar(unit="frame", total=len(frames), progress=progress) as bar:
             for unit in units_of(frames, unit_size(len(frames))):
                 calibrations: dict[str, Calibration] = {}
                 losses: dict[str, float] = {}
-                for size, ids in grouped(unit, lambda id: frames[id][1]).items():
-                    pixels = {id: frames[id][0] for id in ids}
+                sizes = {id: frame[1] for id in unit if not isinstance(frame := frames[id], str)}
+                for size, ids in grouped(sizes, sizes.__getitem__).items():
+                    pixels = {id: frame[0] for id in ids if not isinstance(frame := frames[id], str)}
                     found = calibrate_labels(how.task, list(pixels.values()), size, executor=executor)
                     losses |= paper_losses(field, pixels, found)
                     calibrations |= zip(ids, found, strict=True)
                 for id in unit:
-                    collected.add(id, calibrations[id], **({EQ3: losses[id]} if id in losses else {}))
+                    if id in sizes:
+                        collected.add(id, calibrations[id], **({EQ3: losses[id]} if id in losses else {}))
+                    else:
+                        collected.add_broken(id, str(frames[id]))
                 bar.update(len(unit))
+        if collected.ids and len(collected.broken) == len(collected.ids):
+            raise BrokenFileError(f"{self.labels}: {': '.join(next(iter(collected.broken.items())))}")
         return Results(collected.frames(), command="calibrate")
+
+    def _frames(self, field: Field) -> dict[str, tuple[Pixels, tuple[int, int]] | str]:
+        """Pixels of each frame and the size of its picture, or what is wrong with its file."""
+        if not isinstance(self.labels, Path):
+            return {id: self._frame(id, one, field) for id, one in self.labels.items()}
+        reader = AnnotationReader(field, self.image_size)
+        files = reader.find([self.labels])
+        found, broken = read_each(files, reader.read)
+        return {file.id: found[file.id] if file.id in found else broken[file.id] for file in files}
 
     def _frame(self, id: str, labels: Labels, field: Field) -> tuple[Pixels, tuple[int, int]]:
         """Check the pixels of a frame; also returns the size of its picture."""

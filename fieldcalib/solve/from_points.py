@@ -327,8 +327,8 @@ def _examined(found: Calibration, points: Points, task: Task, options: Options) 
         found = with_findings(found, *unchecked(found, points.X, options.unknowns, read))
     found = with_doubted_points(found, points.pixels, size, options.unknowns)
     notes = [found.message]
-    if hint and (on_field or is_contradicted(found)) and not found.has_finding(What.OTHER_PICTURE):
-        notes += [f"the points {hint}"] * (found.verdict != Verdict.GOOD)
+    if hint and (on_field or is_contradicted(found)) and found.verdict is not Verdict.GOOD:
+        notes.append(f"the points {hint}")
     is_plane = not on_field and not is_placed and len(points.X) > 0 and np.ptp(points.X[:, 2]) == 0.0
     if is_plane and found.accepted and found.required_camera.C[2] > points.X[0, 2]:
         notes.append(BELOW)

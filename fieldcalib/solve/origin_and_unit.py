@@ -82,7 +82,7 @@ def hint_of_another_size(farthest: Array, count: int, image_size: tuple[int, int
     >>> hint_of_another_size(np.array([0.9, 1.0]), 12, (1920, 1080))
     'lie between 0 and 1: are they shares of the width and height of the image?'
     >>> hint_of_another_size(np.array([588.0, 1730.0]), 12, (1920, 1080))
-    'reach to (588, 1730) in an image of 1920 x 1080: are x and y, or width and height, exchanged?'
+    'reach to (588, 1730) in an image of 1920 x 1080: were they found in one of another size, or are x and y exchanged?'
     >>> hint_of_another_size(np.array([1730.0, 588.0]), 12, (1920, 1080))
     ''
     """
@@ -93,8 +93,8 @@ def hint_of_another_size(farthest: Array, count: int, image_size: tuple[int, int
         return "lie between 0 and 1: are they shares of the width and height of the image?"
     (x, y), (width, height) = np.round(farthest).astype(int).tolist(), image_size
     is_turned = np.any(reach > FARTHEST_REACH) and x <= height and y <= width
-    why = "are x and y, or width and height, exchanged?" if is_turned else "were they found in one of another size?"
-    return f"reach to ({x}, {y}) in an image of {width} x {height}: {why}"
+    other = "were they found in one of another size" + ", or are x and y exchanged" * bool(is_turned)
+    return f"reach to ({x}, {y}) in an image of {width} x {height}: {other}?"
 
 
 @dataclass(frozen=True)

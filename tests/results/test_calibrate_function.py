@@ -282,8 +282,20 @@ def test_annotations_say_the_size_of_their_pictures(tmp_path):
     with pytest.raises(ValueError, match="are of pictures"):
         calibrate(tmp_path, end="3f", progress=False)
     (tmp_path / "8.json").write_text("{}")  # of SoccerNet, which does not say the size
-    with pytest.raises(BrokenFileError, match=r"8\.json: .*give it \(image_size="):
+    with pytest.raises(ValueError, match=r"8\.json: .*give it \(image_size="):
         calibrate(tmp_path, progress=False)
+
+
+def test_annotations_with_a_broken_file(annotated_folder, tmp_path):
+    """As the command does, it goes on with the others."""
+    good, bad = sorted(annotated_folder.glob("?.json"))[:2]
+    (tmp_path / "a.json").write_text(bad.read_text().replace('"Side line top"', '"Side line tpo"'))
+    with pytest.raises(BrokenFileError, match="a: unknown label 'Side line tpo'"):
+        calibrate(tmp_path, image_size=(960, 540), progress=False)
+    (tmp_path / "b.json").write_bytes(good.read_bytes())
+    results = calibrate(tmp_path, image_size=(960, 540), progress=False)
+    assert list(results) == ["b"]
+    assert results.broken == {"a": "unknown label 'Side line tpo'; did you mean 'Side line top'?"}
 
 
 def test_a_stream_is_read_up_to_its_end(rendered, knows, tmp_path, monkeypatch):

@@ -292,6 +292,43 @@ def test_exchanged_sides_are_said_once(name, axis, about):
     assert causes(again) == causes(found)
 
 
+def test_exchanged_sides_are_told_beside_a_circle_that_has_none():
+    """One label alone contradicts a camera of the others: it is the only right one."""
+    camera = CAMERAS["left and middle"]
+    frame = {label: camera.project(PITCH[label].sample(3.0)) for label in ("Side line top", "Big rect. left main")}
+    frame |= {label: camera.project(PITCH[label].sample(3.0)) for label in ("Big rect. left top", "Circle left")}
+    frame["Circle central"] = camera.project(PITCH["Circle central"].sample(3.0))
+    found = calibrate_from_segments(PITCH, {label.replace("left", "right"): xy for label, xy in frame.items()}, SIZE)
+    assert (found.verdict, causes(found)) == (Verdict.CHECK, [What.EXCHANGED_SIDES])
+    assert found.remedy == "exchange these two in all labels"
+
+
+def test_a_label_that_is_missed_is_named_by_the_remedy():
+    camera = CAMERAS["left and middle"]
+    frame = observe(whole_circle_markings(PITCH), camera, np.random.default_rng(3), noise=0.5)
+    label = next(label for label in frame if label.startswith("Big rect."))
+    wrong = {**frame, label: frame[label] + (0.0, 60.0)}
+    found = calibrate_from_segments(PITCH, wrong, SIZE)
+    assert repr(label) in found.remedy
+
+
+@pytest.mark.parametrize("way", [(-1.0, 1.0, 1.0), (1.0, -1.0, 1.0), (1.0, 1.0, 1.0)])
+def test_points_of_a_plane_that_are_seen_from_below_say_so(way):
+    X, xy = seen(CAMERAS["left and middle"])
+    flat = X[:, 2] == 0.0
+    found = calibrate_from_points(X[flat] * way, xy[flat], SIZE, prior=None)
+    assert ("below the plane of the points" in found.reason) == (way != (1.0, 1.0, 1.0))
+
+
+def test_a_size_with_width_and_height_exchanged_is_said():
+    X, xy = seen(CAMERAS["left and middle"])
+    found = calibrate_from_points(X[:7], xy[:7], SIZE[::-1])  # of more, an error says it
+    turned = calibrate_from_points(X[:7], xy[:7, ::-1], SIZE)
+    for one in (found, turned):
+        assert one.verdict is not Verdict.GOOD
+        assert "of another size, or are x and y exchanged?" in one.reason
+
+
 def test_a_court_of_two_widths_is_decided_by_a_fifth_line():
     court = badminton()
     camera = Camera.from_angles(np.pi / 2.0, 1.2, 0.0, 1400.0, (-14.0, 0.2, -5.0), SIZE)
