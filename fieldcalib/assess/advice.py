@@ -182,7 +182,9 @@ CAUSE_REMEDIES: Mapping[What, Remedy] = MappingProxyType(
     {
         What.LEFT_HANDED: Remedy("turn that axis of the points over"),
         What.OTHER_AXES: Remedy("turn these axes of the points over"),
-        What.OTHER_PICTURE: Remedy("give the size of the picture that the pixels are of"),
+        **dict.fromkeys(
+            (What.OTHER_PICTURE, What.BORDER), Remedy("give the size of the picture that the pixels are of")
+        ),
         What.WANTS_LENS: Remedy("let the lens be estimated, or give it", (Advice.KNOWN_CAMERA,)),
         What.EXCHANGED_SIDES: Remedy("exchange these two in all labels"),
         What.PICTURE_CORNERS: Remedy("click the corners of the field itself, or other points of it that are in view"),

@@ -285,7 +285,7 @@ class Calibration:
         if found is not NOTHING or not self.accepted:
             return found
         said = self.uncertainty.remedy if self.camera is not None and self.knows_errors else ""
-        if said:
+        if said and not self.has_finding(What.IMPROBABLE):
             return Remedy(said, (Advice.FIELD_SIZE,))
         if self.verdict is Verdict.GOOD:
             return NOTHING

@@ -99,6 +99,10 @@ class Proposal:
     revisions: Mapping[int, int] = attribute(default_factory=dict)
     """Revisions of the anchors that were solved, by number of the frame."""
 
+    def __repr__(self) -> str:
+        largest = max((move for move in self.moves.values() if move == move), default=0.0)
+        return f"Proposal(frames {self.window.begin} to {self.window.end - 1}, moved by up to {largest:.1f} px)"
+
     @property
     def contradicted(self) -> dict[int, str]:
         """What the labels of anchors that keep cameras of their own contradict in the clip, by number of the frame."""

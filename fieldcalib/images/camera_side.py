@@ -99,7 +99,9 @@ class CameraSide:
         field = task.field
         if field is None or not looks_the_same_turned(field):
             if side is not None:
-                raise ValueError(f"side={side!r} is of a field that looks the same from both sides: leave it out")
+                alone = [] if field is None else [label for label in field if label not in field.symmetric]
+                why = f", which it does not for {alone[0]!r}" if alone else ""
+                raise ValueError(f"side={side!r} is of a field that looks the same from both sides{why}: leave it out")
             return cls(None, is_said=False)
         told = _told(field, task.given, task.chosen_flags, task.prior)
         if None not in (side, told) and side != told:

@@ -65,6 +65,7 @@ def test_what_the_labels_of_a_frame_contradict_is_said(other, found, what):
     in_clip = [with_findings(one, *found)] * 2
     kept = Proposal(window, in_clip, own, frozenset([4, 5]), dict.fromkeys(own, 0.0))
     assert kept.contradicted == ({} if what is None else {5: what})
+    assert repr(kept) == "Proposal(frames 4 to 5, moved by up to 0.0 px)"
 
 
 @pytest.fixture
