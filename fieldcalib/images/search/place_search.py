@@ -13,9 +13,7 @@ world and the ray along which it is seen give pan and tilt. The direction is the
 points at the centre of a circle. This gives a few thousand views, where a grid would need half a million.
 
 Place of several pictures (`pooled_place`). Pictures whose camera is accepted in a search of its own vote for the place.
-If there are none, the positions of all cameras that these searches propose are compared by how well views from there
-explain some of the pictures together. From the place found, all pictures are searched again, and the accepted cameras
-vote anew.
+From there, all pictures are searched again, and the accepted cameras vote anew.
 """
 
 from __future__ import annotations
@@ -39,7 +37,6 @@ from fieldcalib.images.search.court_hypotheses import Cameras, FieldLines, are_w
 from fieldcalib.images.search.court_ranking import (
     Curves,
     PictureStripes,
-    PictureToSearch,
     Ranked,
     distances,
     first_apart,
@@ -76,9 +73,6 @@ STEP = 9.0  # px by which the border of the picture moves from one focal length 
 HEIGHT = 1.3  # factor by which the camera's height from the size of a circle may differ from that of the place
 
 MOST = 24  # pictures from which the place is found
-SAMPLE = 6  # pictures with which places are compared
-PLACES = 12  # places that are compared
-NEAR = 0.1  # of the distance from the middle of the field: places nearer to each other than this support each other
 FIRST, LAST = 0.06, 0.015  # of that distance: standard deviations of a place before and after the pictures agree on it
 ROUNDS = 2  # rounds of searching all pictures and voting for the place
 ZOOM = 1.6  # factor by which a picture may be zoomed more or less than the pictures with accepted cameras
@@ -383,9 +377,6 @@ def pooled_place(
     searched = [find_courts(image, field, flags=flags, prior=prior) for image in images]
     found = [one[0].calibration for one in searched if one]
     place = place_of(found, FIRST)
-    if place is None:
-        proposed = [court.calibration.camera for one in searched for court in one]
-        place = _voted(field, images, [camera for camera in proposed if camera is not None])
     for share in np.geomspace(FIRST, LAST, ROUNDS + 1)[1:].tolist():
         if place is None:
             return None
@@ -396,25 +387,3 @@ def pooled_place(
         return None
     is_there = on.side is None or side_of(place.C, field) == on.side
     return place if is_there else replace(place, C=place.C * TURN)
-
-
-def _voted(field: Field, images: Sequence[Image], cameras: Sequence[Camera]) -> Place | None:
-    """Choose among the positions of proposed cameras the place whose views explain a sample of the pictures best.
-
-    Positions that many others lie near to are tried first; None without proposed cameras.
-    """
-    if not cameras:
-        return None
-    C = np.array([camera.C for camera in cameras])
-    distance = np.linalg.norm(C, axis=1)
-    between = np.linalg.norm(C[:, None] - C, axis=2) / distance[:, None]
-    chosen: list[int] = []
-    for index in np.argsort(-np.sum(between < NEAR, axis=1), kind="stable").tolist():
-        if not chosen or np.min(between[index, chosen]) > 0.5 * NEAR:
-            chosen.append(index)
-    sample = [PictureToSearch(images[k]) for k in spread(len(images), SAMPLE)]
-    stripes = [one.stripes(lighter=field.lines.lighter) for one in sample]
-    places = [_place(C[k], FIRST, [cameras[k]]) for k in chosen[:PLACES]]
-    ranked = [[rank_from(place, one.with_bend(place.bend), field) for one in stripes] for place in places]
-    scores = [sum(float(np.max(one.score, initial=0.0)) for one in own) for own in ranked]
-    return places[int(np.argmax(scores))]
