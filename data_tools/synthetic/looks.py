@@ -246,9 +246,9 @@ LOOKS: Mapping[str, Look] = MappingProxyType(
             people=(8, 18),
             overlaid=0.2,
         ),
-        "ice-hockey-iihf": _ice_hockey(rink.IIHF),
-        "ice-hockey-nhl": _ice_hockey(rink.NHL),
-        "ice-hockey-nhl-2013": _ice_hockey(rink.NHL_2013),
+        "ice-hockey-iihf": _ice_hockey(rink.rules_of("iihf")),
+        "ice-hockey-nhl": _ice_hockey(rink.rules_of("nhl")),
+        "ice-hockey-nhl-2013": _ice_hockey(rink.rules_of("nhl-2013")),
         "padel": Look(
             ("blue turf",),
             around=Around(None, (1.0, 6.0), (1.0, 5.0)),

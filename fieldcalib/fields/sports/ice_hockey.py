@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 
@@ -14,10 +16,11 @@ from fieldcalib.fields.segments import Arc, Line, Point, Segment
 from fieldcalib.fields.sports.parts import CENTRE, across, along, court, on_ground, right_goal
 from fieldcalib.fields.traits import UNPAINTED, LineLook, Paint, ProbabilityModel, SizePrior, stands_beside
 
-FEET = 0.3048
 POST = 0.06  # metres: diameter of the goal's tubes, 2 3/8 in
 RED, BLUE, YELLOW = "#c8102e", "#1040a8", "#e3b92c"  # of lines and spots, of the kick plate
 KICK_PLATE = 0.10  # metres: how wide it is drawn from above
+MEASURES = Path(__file__).parent / "rinks" / "measures.yaml"
+RULES = ("nhl", "nhl-2013", "iihf")
 SPOTS = ("Face-off spot", "Neutral spot")
 LEGAL_IIHF = ((56.0, 61.0), (26.0, 30.0))  # length and width; since 2021 rinks of tournaments are 60 m long
 USUAL_IIHF = ((59.5, 60.5), (26.0, 30.0))
@@ -66,62 +69,17 @@ class RinkRules:
     """Outer radius of the referee's crease."""
     goal: tuple[float, float]
     """Width and height inside the posts and below the crossbar."""
-    probability: ProbabilityModel
-    """Fitted to 1,500 synthetic frames: `python -m data_tools.probability fit --field ice-hockey-nhl`."""
+    probability: tuple[float, float, float, float, float]
+    """Coefficients of a `ProbabilityModel`, fitted to 1,500 synthetic frames: `python -m data_tools.probability fit
+    --field ice-hockey-nhl`."""
 
 
-NHL = RinkRules(
-    length=200.0 * FEET,
-    width=85.0 * FEET,
-    corner_radius=28.0 * FEET,
-    line=FEET / 6.0,
-    wide_line=FEET,
-    goal_line=11.0 * FEET,
-    blue_line=74.5 * FEET,  # its edge towards the centre is 64 ft from the goal line
-    circle=15.0 * FEET,
-    circle_x=31.0 * FEET,
-    spots_y=22.0 * FEET,
-    neutral_spot=5.0 * FEET,
-    hashes_apart=(5.0 + 7.0 / 12.0) * FEET,  # 5 ft 7 in
-    hash_length=2.0 * FEET,
-    l_corner=(2.0 * FEET, 0.75 * FEET),
-    l_legs=(4.0 * FEET, 34.0 / 12.0 * FEET),  # 4 ft and 2 ft 10 in
-    crease=6.0 * FEET,
-    crease_width=8.0 * FEET,
-    spot=2.0 * FEET,
-    centre_spot=1.0 * FEET,
-    trapezoid=(11.0 * FEET, 14.0 * FEET),
-    referee=10.0 * FEET,
-    goal=(6.0 * FEET, 4.0 * FEET),
-    probability=ProbabilityModel((1.13, -3.08, -0.94, 0.0, -0.34)),
-)
-NHL_2013 = replace(NHL, hashes_apart=3.0 * FEET, trapezoid=(9.0 * FEET, 14.0 * FEET))
-IIHF = RinkRules(
-    length=60.0,
-    width=30.0,
-    corner_radius=8.5,
-    line=0.05,
-    wide_line=0.30,
-    goal_line=4.0,
-    blue_line=22.86,
-    circle=4.5,
-    circle_x=10.0,
-    spots_y=7.0,
-    neutral_spot=1.5,
-    hashes_apart=1.70,
-    hash_length=0.60,
-    l_corner=(0.60, 0.225),
-    l_legs=(1.20, 0.90),
-    crease=1.80,
-    crease_width=np.inf,
-    spot=0.60,
-    centre_spot=0.30,
-    trapezoid=(3.4, 4.3),
-    referee=3.0,
-    goal=(1.83, 1.22),
-    probability=ProbabilityModel((1.07, -3.18, -0.81, 0.04, -0.43)),
-)
-FIXED: Mapping[str, RinkRules] = {"nhl": NHL, "nhl-2013": NHL_2013}
+@lru_cache
+def rules_of(name: str) -> RinkRules:
+    """The measures of a rule book, of those in `rinks/measures.yaml`."""
+    import yaml  # slow, and few need a rink
+
+    return RinkRules(**yaml.safe_load(MEASURES.read_text(encoding="utf-8"))[name])
 
 
 def ice_hockey(rules: str = "nhl") -> Field:
@@ -167,17 +125,13 @@ def ice_hockey(rules: str = "nhl") -> Field:
     >>> round(ice_hockey("iihf")["Blue line left"].start[0], 2)
     -7.14
     """
-    if not isinstance(rules, str) or rules not in (*FIXED, "iihf"):
-        raise ValueError(f"expected rules of ice hockey among {', '.join(FIXED)}, iihf, got {rules!r}")
-    return ice_hockey_iihf() if rules == "iihf" else _rink(FIXED[rules], size_known=True)
+    if not isinstance(rules, str) or rules not in RULES:
+        raise ValueError(f"expected rules of ice hockey among {', '.join(RULES)}, got {rules!r}")
+    return ice_hockey_iihf() if rules == "iihf" else _rink(rules_of(rules), size_known=True)
 
 
 def ice_hockey_iihf(
-    length: float = IIHF.length,
-    width: float = IIHF.width,
-    *,
-    corner_radius: float = IIHF.corner_radius,
-    size_known: bool = False,
+    length: float = 60.0, width: float = 30.0, *, corner_radius: float = 8.5, size_known: bool = False
 ) -> Field:
     """A rink of the IIHF, whose width is 26 to 30 m. Labels are those of `ice_hockey`.
 
@@ -205,7 +159,7 @@ def ice_hockey_iihf(
             raise ValueError(f"a rink of the IIHF is {low:g} to {high:g} m {name}, got {value}")
     if not (is_number(corner_radius) and 7.0 <= corner_radius <= 8.5):
         raise ValueError(f"the corners of an IIHF rink have a radius of 7.0 to 8.5 m, got {corner_radius}")
-    rules = replace(IIHF, length=length, width=width, corner_radius=corner_radius)
+    rules = replace(rules_of("iihf"), length=length, width=width, corner_radius=corner_radius)
     model = SizePrior(LEGAL_IIHF, USUAL_IIHF, build=ice_hockey_iihf, rules="the rule book")
     return _rink(rules, size_known, model)
 
@@ -221,7 +175,7 @@ def _rink(rules: RinkRules, size_known: bool, size_model: SizePrior | None = Non
         surface="ice",
         size_model=size_model,
         size_known=size_known,
-        probability=rules.probability,
+        probability=ProbabilityModel(tuple(rules.probability)),  # type: ignore[arg-type]
     )
     return replace(rink, paint=_paint(rules, rink.segments))
 
