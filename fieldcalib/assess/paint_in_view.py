@@ -85,14 +85,9 @@ class MarkingInView:
         return self.is_expected and self.places >= LONG and self.share < UNSEEN and not self.is_beside
 
     @property
-    def is_painted(self) -> bool:
-        """Whether it shows paint nearly everywhere."""
-        return self.share >= CONFIRMED
-
-    @property
     def is_confirmed(self) -> bool:
         """Whether it shows paint nearly everywhere, at enough places."""
-        return self.is_painted and self.places >= LEAST_PLACES
+        return self.share >= CONFIRMED and self.places >= LEAST_PLACES
 
     @property
     def is_off(self) -> bool:

@@ -69,7 +69,7 @@ def run(options: argparse.Namespace) -> int:
             known.check(known.placement(options.size).frame_size)
         except BrokenFileError as error:
             raise ValueError(f"--size {error}") from None
-    if known.is_any and free is not None:
+    if free is not None and not known.given.is_empty:
         raise ValueError(
             f"--field-size {ESTIMATED} finds the pitch with cameras of which nothing is known: leave it out"
         )

@@ -183,11 +183,6 @@ class KnownCamera:
             )
 
     @property
-    def is_any(self) -> bool:
-        """Whether any parameter of the camera is known."""
-        return any(part is not None for part in (self.intrinsics, self.position, self.rotation))
-
-    @property
     def flags(self) -> CalibrationFlags:
         """Flags of what is known and what is estimated."""
         F = CalibrationFlags

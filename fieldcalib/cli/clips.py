@@ -98,7 +98,9 @@ class Shards:
 
 def run_clip(request: RunRequest, shards: Shards | None = None) -> int:
     """Calibrate a clip, or a shard of its parts, or join the parts in `shards`; returns the exit code."""
-    run = request.run if request.run.shard is None else request.run.with_arguments
+    run = request.run
+    if run.shard is not None:
+        run = run.changed(run.out, arguments=run.arguments)  # the shards are joined as the command line says
     if not request.refine:
         raise ValueError("--clip calibrates frames together from the lines in them: leave --no-refinement out")
     began = time.perf_counter()

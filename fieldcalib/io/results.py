@@ -86,11 +86,6 @@ def lines_file(folder: Path) -> Path:
     return folder / (TABLE if (folder / TABLE).is_file() and not (folder / LINES).is_file() else LINES)
 
 
-def is_table(path: Path) -> bool:
-    """Whether the lines of a run are in a table."""
-    return path.suffix == Path(TABLE).suffix
-
-
 def whole_line_pairs(folder: Path) -> Iterator[Texts]:
     """The lines of all frames in a folder that is written to: without an incomplete last one."""
     solver = folder / SOLVER
@@ -196,7 +191,7 @@ class ResultFile:
         if not path.exists():
             raise FileNotFoundError(f"{path} does not exist: expected the folder that a run wrote, with its {LINES}")
         self.path = path
-        self._texts: list[Texts] | None = list(read_parquet(path)) if is_table(path) else None
+        self._texts: list[Texts] | None = list(read_parquet(path)) if path.suffix == Path(TABLE).suffix else None
         self._solver = _Lines(path.with_name(SOLVER))
         self.ids: list[str] = []
         """Ids of all frames, in order."""

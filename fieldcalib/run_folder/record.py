@@ -133,11 +133,6 @@ class RunOptions:
         """Whether cameras.parquet is written instead of cameras.jsonl."""
         return self.format == PARQUET
 
-    @property
-    def with_arguments(self) -> RunOptions:
-        """Options that record the command line too, so that the results can be joined as it says."""
-        return self.changed(self.out, arguments=self.arguments)
-
     def changed(self, out: Path, **options: Any) -> RunOptions:
         """Change the folder and some recorded options."""
         return replace(self, out=out, recorded={**self.recorded, **as_json(options)})

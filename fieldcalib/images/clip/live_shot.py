@@ -85,11 +85,6 @@ class SolvedShot:
         """Layout of the parameters of each camera."""
         return self.shared.options.layout
 
-    @property
-    def some_theta(self) -> Array:
-        """Parameters (n,) of any one of the cameras, for the values of shared parameters."""
-        return next(iter(self.cameras.values())).theta
-
 
 @dataclass(frozen=True, eq=False)
 class SegmentedImage:
@@ -487,7 +482,8 @@ def _tied(
     last = shot.last[-1][1] if near else known[keys[-1]]
     # rows are the known keyframes and, last, the frame itself: it starts at the camera of the last tied frame, from
     # which one Gauss-Newton step mostly suffices, or at the nearest keyframe
-    theta = np.where(layout.free, [*(known[key].theta for key in keys), last.theta], solved.some_theta)
+    alike = next(iter(solved.cameras.values())).theta  # what is not free is alike in all cameras
+    theta = np.where(layout.free, [*(known[key].theta for key in keys), last.theta], alike)
     towards = local.towards(here, theta, is_known)
     if near:
         theta[-1:], (contradicted,) = stepped(towards, layout, theta[-1:])

@@ -295,11 +295,6 @@ class PictureStripes:
         """Select stripes by index."""
         return PictureStripes(self.seen.take(index), self.straight.take(index), self.colours.take(index), self.bend)
 
-    @cached_property
-    def unbent(self) -> PictureStripes:
-        """The stripes if the lens had no distortion."""
-        return self.with_bend(0.0)
-
     def with_bend(self, a: float) -> PictureStripes:
         """Assume another distortion of the picture (`Bend.a`)."""
         bend = replace(self.bend, a=a)

@@ -443,7 +443,7 @@ def _candidates(task: Task, field: Field, picture: PictureToSearch, *, sized: bo
     stripes = picture.stripes(lighter=field.lines.lighter)
     yield search(stripes)
     if stripes.bend.a != 0.0:
-        yield search(stripes.unbent)  # arcs of circles may have been mistaken for lines that a lens has bent
+        yield search(stripes.with_bend(0.0))  # what seems to be a line that a lens has bent may be an arc of a circle
     in_hall = (field.lines.lighter, not field.lines.lighter, None) if field.surface in FLOORS else ()
     for lighter in dict.fromkeys(in_hall):
         court = replace(field, lines=replace(field.lines, lighter=lighter))
