@@ -1,13 +1,15 @@
 """What is known of a camera beside its numbers: verdict, status, findings, and labels in doubt.
 
-Code decides by what a `Finding` is; its sentence is made here, for people.
+Code decides by what a `Finding` is; its sentence, in `sentences.json`, is for people.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -23,18 +25,8 @@ UP_TO_SIDE = (
     "prior decide which one it is"
 )
 
-UNUSUAL: Mapping[str, str] = MappingProxyType(
-    {
-        "log f": "the focal length is unusual",
-        "place": "it stands at an unusual place",
-        "z": "it stands at an unusual height",
-        "roll": "it is unusually rolled",
-        "tilt": "its tilt is unusual",
-        "pan": "its pan is unusual",
-        "principal point": "the principal point is far from the centre: was the picture cropped?",
-        "lens": "the lens is unusually strong",
-    }
-)
+TEXTS: Mapping[str, Mapping[str, str]] = json.loads(Path(__file__).with_name("sentences.json").read_text("utf-8"))
+UNUSUAL = TEXTS["unusual"]
 """Sentences of unusual parameters."""
 
 
@@ -211,75 +203,7 @@ NOTES = frozenset(
         *(What.FRAMES_BESIDE_CLIP, What.CUTS_BESIDE_CLIP, What.MOVED),
     ]
 )
-SENTENCES: Mapping[What, str] = MappingProxyType(
-    {
-        What.OFF_PAINT: "{about!r} lies {0:.0f} px beside its paint",
-        What.PAST_END: "the paint of {about!r} goes on for {0:.0f} px past its end",
-        What.NO_PAINT: "the image shows no paint at {about!r}",
-        What.LITTLE_PAINT: "only {0:.0f} % of the markings in view show paint",
-        What.WIDE_PAINT: "the lines are {0:.1f} times as wide as the field's: it may be a smaller one with the same "
-        "markings",
-        What.IMPROBABLE: "right to {0:g} m with a probability of {1:.2f}",
-        What.NOT_SQUARE: "the pixels are not square: was the picture squashed?",
-        What.MORE_LENS: "the lens may require more coefficients than k1",
-        What.OTHER_SIZE: "the field is more probably of another size, about {0:.0f} x {1:.0f} m",
-        What.NOT_LEVEL: "the field is not level: its middle is about {0:.2f} m higher than its touchlines",
-        What.PART: "the picture may be a part of a frame, and the labels do not show the frame's middle: say which "
-        "part it is",
-        What.ENLARGED: "the picture may be an enlarged part of a frame, and its lines do not show the middle: say "
-        "which part it is",
-        What.SHAPE: "the picture is not 16:9, and the labels do not tell whether it was squashed or cut out",
-        What.NARROW: "the picture is narrow, and the network knows few such pictures: see whether all markings lie on "
-        "their paint",
-        What.SEVERAL_VIEWS: "the picture shows several views side by side, and the camera is of one of them: cut that "
-        "one out",
-        What.IN_WINDOW: "the picture may show a frame in a window, in which no camera was found: cut the frame out",
-        What.UNKNOWN_ERRORS: "its errors are not known, as it does not come from labelled pixels",
-        What.SUSPECTS: "{0:.0f} of {1:.0f} labels {are} suspect",
-        What.MISSED: "{0:.0f} of {1:.0f} labels {lie} far off",
-        What.MISFIT: "the labels lie {0:.0f} px off: check the size of field and image, and what was given of the "
-        "camera",
-        What.OTHER_SIDE: "the camera across the field, turned by 180 degrees, fits as well",
-        What.REPEATS: "it may stand {0:g} m further along the field, where markings look alike, as `alternatives` say",
-        What.BORDER: "the labels end at column {0:.0f} of {1:.0f}: are they of a picture that is {2:.0f} pixels wide?",
-        What.LEFT_HANDED: "the axes are left-handed: turn {about} over",
-        What.OTHER_AXES: "{about} point the other way: expected are x to the right, y towards the main camera, z down",
-        What.OTHER_PICTURE: "the pixels are those of a picture of another size, about {0:.0f} x {1:.0f}",
-        What.WANTS_LENS: "the points are bent by a lens, and none is estimated",
-        What.EXPLAINED: "all {0:.0f} points then fit to {1:.2f} px",
-        What.RANK: "H has rank 2: it maps all of the field onto one line, or a line of it to all of the picture",
-        What.EXCHANGED_SIDES: "{about} are exchanged in the labels",
-        What.PICTURE_CORNERS: "the pixels are the corners of the picture: give corners of the field that are in view",
-        What.ONE_OF: "one or more of the {0:.0f} points are wrong, and so few do not tell which",
-        What.FARTHEST: "farther off than the others: {about}",
-        What.AT_EDGE: "{about!r} is at the edge of the picture: is it the corner, or where a line leaves the picture?",
-        What.UNCHECKED: "four points of a plane always fit, so nothing checks the distances that were given: a fifth "
-        "point or a known focal length would",
-        What.TWO_WIDTHS: "a court {1:.2f} m wide fits as well as one of {0:.2f} m, singles as well as doubles: the "
-        "camera is then {3:.1f} m up instead of {2:.1f}; any other line or mark decides",
-        What.STRAY: "{about!r} is marked {0:.0f} px beside its projection",
-        What.NO_LINE: "without a line the position of its window is uncertain: static points hardly determine it",
-        What.SHARED_MISFIT: "the parameters that the frames share put its lines {0:.0f} px off",
-        What.OTHER_PLACE: "a camera at ({0:.1f}, {1:.1f}, {2:.1f}) fits as well",
-        What.MIXED: "the picture may be mixed with that of another camera",
-        What.SAID: "{about}",
-        What.SEARCHED: "found by search",
-        What.TO_SEARCH: "nothing is labelled yet; the court is searched for in the picture",
-        What.WAS_SQUASHED: "the picture was squashed from 16:9: its pixels are not square",
-        What.FEW_LINES: "the image has few lines at the projected markings",
-        What.MAY_BE_OTHER_SPORT: "is this soccer?",
-        What.FRAMES_BESIDE_CLIP: "cameras.jsonl has frames that were labelled by hand or solved again since, "
-        "clip.jsonl and tripods.json have not: solve the clip again to bring them together",
-        What.CUTS_BESIDE_CLIP: "the shots of clip.jsonl and tripods.json are not those of the cuts that were set by "
-        "hand: solve the clip again",
-        What.MOVED: "{about} showed cameras that have changed since: it was moved to history",
-        What.RAISED: "the ground is higher in the middle of the field than at its touchlines, by {0:.2f} m (standard "
-        "deviation {1:.2f} m): markings and places are on that ground",
-        What.GROUND_ONLY: "only the ground is known: heights and the camera's place are not",
-        What.SEEN_FROM_OPPOSITE: "it is on the opposite side of the field, if the labels name the ends as seen from "
-        "the main side; otherwise it is the camera turned by 180 degrees, in alternatives",
-    }
-)
+SENTENCES: Mapping[What, str] = MappingProxyType({What(what): text for what, text in TEXTS["sentences"].items()})
 """Sentences with the numbers of a finding; those of others depend on more (`Finding.__str__`)."""
 
 
