@@ -156,6 +156,8 @@ class What(StrEnum):
     SAID = "said"
     """What an earlier version has written in words."""
 
+    RECOGNISED = "recognised"
+    """The camera is that of an earlier picture, moved since by some pixels."""
     SEARCHED = "searched"
     """The camera comes from a search without a network."""
     TO_SEARCH = "to search"
@@ -198,7 +200,7 @@ class What(StrEnum):
 CAUSES = frozenset([What.LEFT_HANDED, What.OTHER_AXES, What.OTHER_PICTURE, What.EXPLAINED])
 NOTES = frozenset(
     [
-        *(What.SEARCHED, What.TO_SEARCH, What.WAS_SQUASHED, What.FEW_LINES, What.MAY_BE_OTHER_SPORT),
+        *(What.RECOGNISED, What.SEARCHED, What.TO_SEARCH, What.WAS_SQUASHED, What.FEW_LINES, What.MAY_BE_OTHER_SPORT),
         *(What.TOO_FEW_LABELS, What.SEEN_FROM_OPPOSITE, What.GROUND_ONLY, What.RAISED),
         *(What.FRAMES_BESIDE_CLIP, What.CUTS_BESIDE_CLIP, What.MOVED),
     ]

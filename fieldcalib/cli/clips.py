@@ -185,6 +185,7 @@ def _check(request: RunRequest, stream: Stream) -> None:
         (request.camera != TRIPOD, "--camera"),
         (request.clip, "--clip"),
         (request.independent, "--independent"),
+        (request.same_camera is not None, "--same-camera"),
         (not request.refine, "--no-refinement"),
         (request.run.shard is not None, "--shard"),
     ):

@@ -12,7 +12,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from fieldcalib._progress import say
+from fieldcalib._progress import counted, say
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.camera_options import KnownCamera
 from fieldcalib.cli.clips import run_clip, run_several, run_stream
@@ -39,6 +39,7 @@ from fieldcalib.fields.catalogue import AUTO
 from fieldcalib.fields.field import Field
 from fieldcalib.images.from_images import How, calibrate_pictures
 from fieldcalib.images.search.place_search import MOST, pooled_place
+from fieldcalib.images.search.stored_cameras import StoredCameras
 from fieldcalib.io.decoders import check_av
 from fieldcalib.io.files import FrameFile, check_utf8
 from fieldcalib.io.formats import OVERLAYS, VIDEOS
@@ -91,8 +92,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_run_options(parser)
     parser.add_argument(
         "--same-camera",
-        action="store_true",
-        help="one camera on a tripod took all images: courts that are found in some tell where to search in the others",
+        nargs="?",
+        const="",
+        metavar="DIR",
+        help="one camera on a tripod took all images: courts that are found in some tell where to search in others; "
+        "DIR: earlier results, whose good cameras are recognised by their paint, also if they moved a little",
     )
     parser.add_argument("--report", action="store_true", help=f"write {REPORT} too: one file for any browser")
     parser.add_argument(
@@ -151,7 +155,12 @@ def _run_one_by_one(request: RunRequest) -> int:
     """Calibrate images, or the frames of a video, one by one."""
     began = time.perf_counter()
     run, network = request.run, or_search(lambda: load_network(request.network))
-    method = ImageCalibrator(request, request.how(network))
+    how = request.how(network)
+    if request.same_camera:
+        stored = StoredCameras.of(read(request.same_camera), request.field)
+        say(f"images are compared with {counted(len(stored.cameras), 'camera')} of {request.same_camera}")
+        how = replace(how, stored=stored)
+    method = ImageCalibrator(request, how)
     request.check_place(is_searched=network is None)
     source = frames_of_files(request.paths, request.cut, request.read, request.network.video_threads)
     if source.rate is not None and run.shard is not None:
@@ -164,7 +173,7 @@ def _run_one_by_one(request: RunRequest) -> int:
             return results.exit_code
         if request.same_field:
             method = method.on_one_field(source.files, results)
-        if request.same_camera:
+        if request.same_camera == "":
             method = method.on_one_tripod(source.files)
         if source.rate is None:
             work(run, results, source.files, IMAGES_AT_ONCE, method, source.count)

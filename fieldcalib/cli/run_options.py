@@ -47,8 +47,8 @@ class RunRequest:
     """Whether the size of the field is estimated."""
     same_field: bool
     """Whether all images show one field."""
-    same_camera: bool
-    """Whether one camera on a tripod took all images."""
+    same_camera: str | None
+    """Folder with earlier results of the cameras of images; empty if one camera took all images, None if neither."""
     report: bool
     """Whether a report of one file is written too."""
     refine: bool = option(
@@ -177,14 +177,16 @@ class RunRequest:
             raise ValueError("--send is of streams; of files, fieldcalib export --format freed writes packets")
         if self.camera != TRIPOD and not self.is_clip:
             raise ValueError("--camera is of clips: give a video, or images with --clip, without --independent")
-        if self.same_camera and (self.is_clip or self.is_video):
+        if self.same_camera is not None and (self.is_clip or self.is_video):
             raise ValueError("--same-camera is of images: the frames of a clip are of one tripod anyway")
+        if self.same_camera and self.same_field:
+            raise ValueError("--same-camera DIR has cameras on a field of their own size: leave --same-field out")
         if self.same_field and (not self.estimate_size or self.is_video):
             raise ValueError(f"--same-field is of images, with --field-size {ESTIMATED}: a clip shows one field anyway")
 
     def check_place(self, *, is_searched: bool) -> None:
         """Raise a ValueError if images cannot be those of one camera."""
-        if self.same_camera and not is_searched:
+        if self.same_camera == "" and not is_searched:
             raise ValueError(
                 "--same-camera is of fields that the network does not know: give the images as a clip, with --clip"
             )

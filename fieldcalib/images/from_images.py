@@ -40,6 +40,7 @@ from fieldcalib.images.refinement import (
 )
 from fieldcalib.images.search.court_search import search_courts
 from fieldcalib.images.search.place_search import Place, search_from
+from fieldcalib.images.search.stored_cameras import StoredCameras
 from fieldcalib.images.shape.shape_of_picture import (
     SURE_OF_PART,
     Method,
@@ -107,6 +108,8 @@ class How:
     estimate_size: bool = True
     may_be_enlarged: bool = True
     place: Place | None = None
+    stored: StoredCameras | None = None
+    """Cameras by which single pictures are recognised."""
     camera: Mount = "tripod"
     every: int = EVERY
     not_shared: str = ""
@@ -124,6 +127,8 @@ class How:
             raise ValueError(f'camera must be "tripod" or "moving", got {self.camera!r}')
         if self.network is not None:
             check_network(self.network)
+        if self.stored is not None and not self.task.given.is_empty:
+            raise ValueError("a camera is given, or it is the same as in earlier results: leave one of them out")
 
     @property
     def shared(self) -> tuple[str, ...]:

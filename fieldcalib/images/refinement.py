@@ -319,10 +319,10 @@ def _in_passes(
             evidence = evidence_of(Ridges.across(one), markings)
             best[t] = Refined(found[t], support, with_lines(evidence, markings, narrow, offset, labelled[t]))
             profiles[t] = one.profiles
-    return [_looked_at(one, images[t], profiles.get(t), markings) for t, one in best.items()]
+    return [looked_at(one, images[t], profiles.get(t), markings) for t, one in best.items()]
 
 
-def _looked_at(refined: Refined, image: Image, profiles: Profiles | None, markings: Markings) -> Refined:
+def looked_at(refined: Refined, image: Image, profiles: Profiles | None, markings: Markings) -> Refined:
     """Add the paint of the markings, if it was not looked for yet, its width, and whether a net is missing."""
     camera, paint = refined.calibration.camera, refined.paint
     if camera is None or profiles is None:

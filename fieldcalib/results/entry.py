@@ -30,6 +30,7 @@ from fieldcalib.fields.field import Field, Side
 from fieldcalib.geometry.camera import checked_image_size
 from fieldcalib.images.clip.from_video import calibrate_clip
 from fieldcalib.images.from_images import How, Mount
+from fieldcalib.images.search.stored_cameras import StoredCameras
 from fieldcalib.io.annotations import Annotation
 from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.files import BrokenFileError
@@ -99,6 +100,7 @@ def calibrate(
     camera: Mount = "tripod",
     side: Side | None = None,
     estimate_size: bool = True,
+    same_camera: Mapping[str, Calibration] | PathLike | None = None,
     progress: Progress = True,
     executor: Executor | None = None,
 ) -> Results:
@@ -149,6 +151,10 @@ def calibrate(
         The side of the field that the camera of pictures is on, as in `calibrate_from_images`; labelled pixels name it.
     estimate_size : bool
         Whether size and ground of the field are estimated from pictures and clips, or stay as given.
+    same_camera : Results or path, optional
+        Earlier results of the cameras of some of the pictures, or their folder. Pictures are recognised as those of a
+        good camera there by their paint, which takes milliseconds, also if it has moved by some pixels since; the
+        reason says of which frame, and by how much. Other pictures are calibrated as usual.
     progress : bool or function
         True shows a bar on a terminal and in a notebook, and prints a line every ten seconds elsewhere. A function is
         called with the number of frames that are done, how many there are (None if that is not known), and the stage;
@@ -184,6 +190,11 @@ def calibrate(
     task = Task(_field(field), GivenCamera(camera_matrix, dist_coeffs, rvec, tvec), flags, prior=prior)
     part = None if crop_of is None else Crop.parse(crop_of)
     how = How(task, network, side, camera=camera, estimate_size=estimate_size).of_part(part)
+    if same_camera is not None:
+        if not isinstance(taken, OneByOne):
+            raise ValueError("same_camera is of pictures: leave it out for clips, streams and labelled pixels")
+        earlier = same_camera if isinstance(same_camera, Mapping) else read(same_camera)
+        how = replace(how, stored=StoredCameras.of(earlier, _field(field)))
     options = {"field": field if isinstance(field, str) else repr(field), "step": step, "prior": str(prior)}
     options |= {name: str(_position(one)) for name, one in (("start", start), ("end", end)) if one is not None}
     options |= {} if part is None else {"crop_of": str(part)}

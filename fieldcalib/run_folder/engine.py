@@ -30,10 +30,12 @@ PlaceOf: TypeAlias = Callable[[Image], Placement]
 
 
 def calibrate_images(how: How, images: Sequence[Image], placement: PlaceOf = whole_frame) -> list[Calibration]:
-    """Calibrate images one by one."""
-    placements = [placement(image) for image in images]
-    frames = [placed.image_in_frame(image) for placed, image in zip(placements, images, strict=True)]
-    return [in_picture(one, placed) for placed, one in zip(placements, calibrate_pictures(how, frames), strict=True)]
+    """Calibrate images one by one, those that stored cameras do not recognise."""
+    known = [None if how.stored is None else how.stored.recognised(how.task, image) for image in images]
+    left = [(image, placement(image)) for image, one in zip(images, known, strict=True) if one is None]
+    found = calibrate_pictures(how, [placed.image_in_frame(image) for image, placed in left])
+    others = iter([in_picture(one, placed) for one, (_, placed) in zip(found, left, strict=True)])
+    return [next(others) if one is None else one for one in known]
 
 
 class StreamFrames:

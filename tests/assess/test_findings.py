@@ -71,7 +71,7 @@ PHRASES = [
     if row.startswith('| "')
     for phrase in re.findall(r'"([^"]+)"', row.split("|")[1])
 ]
-OF_NO_PICTURE = {What.SAID, What.EXPLAINED, What.SEARCHED, What.TO_SEARCH, What.MOVED}
+OF_NO_PICTURE = {What.SAID, What.EXPLAINED, What.SEARCHED, What.RECOGNISED, What.TO_SEARCH, What.MOVED}
 OF_NO_PICTURE |= {What.FRAMES_BESIDE_CLIP, What.CUTS_BESIDE_CLIP}  # said of a run, not of a camera
 
 
