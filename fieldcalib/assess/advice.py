@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from fieldcalib._types import expect, several
-from fieldcalib.assess.findings import Finding, Status, What
+from fieldcalib.assess.findings import TEXTS, Finding, Status, What
 
 LOOK = "look at the overlay"
 BY_HAND = "labelled by hand"
@@ -79,51 +79,8 @@ class Tool(Enum):
     PAGE = "page"
 
 
-CROP_OF = "crop_of=, as '1920x1080+960+0' (its own size with +0+0 if nothing is cut off)"
 HOW: Mapping[Advice, Mapping[Tool, str]] = MappingProxyType(
-    {
-        Advice.LOOK: {
-            Tool.COMMAND: "run --show-paint",
-            Tool.PYTHON: "results.overlay(id, show_paint=True)",
-            Tool.PAGE: "lines beside their paint are orange, those without any grey",
-        },
-        Advice.BY_HAND: {
-            Tool.COMMAND: "fieldcalib open",
-            Tool.PYTHON: "fieldcalib.Editor(source)",
-            Tool.PAGE: "choose a marking on the map, and click along it",
-        },
-        Advice.KNOWN_CAMERA: {
-            Tool.COMMAND: "--intrinsics, --position, --rotation",
-            Tool.PYTHON: "camera_matrix=, rvec=, tvec= with flags=",
-            Tool.PAGE: "the tab Camera has focal length, position and lens, each with a lock",
-        },
-        Advice.PICTURE: {
-            Tool.COMMAND: "--crop-of (its own size with +0+0 if nothing is cut off), --aspect or --display-size",
-            Tool.PYTHON: CROP_OF,
-            Tool.PAGE: "in the tab Camera, lock Shown as: 16:9 if the picture was squashed from it. A part of a frame, "
-            "or a whole one: fieldcalib run with --crop-of, and open its results",
-        },
-        Advice.PART: {
-            Tool.COMMAND: "--crop-of (its own size with +0+0 if nothing is cut off)",
-            Tool.PYTHON: CROP_OF,
-            Tool.PAGE: "fieldcalib run with --crop-of, and open its results",
-        },
-        Advice.OTHER_FIELD: {
-            Tool.COMMAND: "--field NAME (--help has the names), or auto",
-            Tool.PYTHON: "field=NAME (fieldcalib.fields.FIELDS has the names), or 'auto'",
-            Tool.PAGE: "choose the sport above the map",
-        },
-        Advice.FIELD_SIZE: {
-            Tool.COMMAND: "--field-length and --field-width with --field-size known",
-            Tool.PYTHON: "field=fieldcalib.soccer(length, width, size_known=True)",
-            Tool.PAGE: "type the size of the field in the tab Camera",
-        },
-        Advice.GROUND: {
-            Tool.COMMAND: "--crown with the height in metres",
-            Tool.PYTHON: "field=field.with_ground(fieldcalib.fields.Ground(crown=metres))",
-            Tool.PAGE: "fieldcalib run with --crown, and open its results",
-        },
-    }
+    {Advice(one): {Tool(tool): text for tool, text in ways.items()} for one, ways in TEXTS["how"].items()}
 )
 """What to do in each tool."""
 

@@ -25,8 +25,8 @@ UP_TO_SIDE = (
     "prior decide which one it is"
 )
 
-TEXTS: Mapping[str, Mapping[str, str]] = json.loads(Path(__file__).with_name("sentences.json").read_text("utf-8"))
-UNUSUAL = TEXTS["unusual"]
+TEXTS: Mapping[str, Mapping[str, Any]] = json.loads(Path(__file__).with_name("sentences.json").read_text("utf-8"))
+UNUSUAL: Mapping[str, str] = TEXTS["unusual"]
 """Sentences of unusual parameters."""
 
 
