@@ -304,6 +304,20 @@ def test_steps_of_the_block_arrow_are_those_of_the_dense_system(blocks, prior):
         np.testing.assert_allclose(block_arrow_steps(*args), dense, rtol=1e-6, atol=1e-9)
 
 
+def test_shared_parameters_of_very_different_magnitudes_are_solved():
+    """At cameras far off, as on the way from a wrong start, derivatives by some parameters are 1e40 times larger."""
+    rng = np.random.default_rng(8)
+    unit = 10.0 ** np.array([46, 46.7, 46.5, 3.6, 4.2, 7.1, 31.7, 3.9, 4.3, 6.6, 6.6, 29.6, 12.7, 46.4])
+    scaled, hidden = 1e-4 * rng.normal(size=14), rng.normal(size=14)
+    hessian, gradient = np.eye(15), np.zeros(15)  # of a parameter of the frame's own, too
+    hessian[1:, 1:] = (np.outer(scaled, scaled) + np.eye(14)) * np.outer(unit, unit)
+    gradient[1:] = -(hidden + scaled * (scaled @ hidden)) * unit
+    groups, shared = Groups(np.zeros(1, dtype=np.intp)), np.arange(15) > 0
+    held = np.zeros((1, 15), dtype=bool)
+    step = block_arrow_steps(hessian[None], gradient[None], np.zeros(1), held, shared, groups)
+    np.testing.assert_allclose(step[0, 1:] * unit, hidden, rtol=1e-6)
+
+
 def test_a_shared_centre_is_that_of_the_dense_system():
     """Gauss-Newton on the dense normal equations of the whole system, from the same start, ends at the same cameras."""
     frames, _, starts = of_one_tripod(4, noise=1.0)
