@@ -34,11 +34,11 @@ from fieldcalib.images.paint.paint_evidence import (
     evidence_of,
     missing_net,
     paint_evidence,
+    paint_past_ends,
     wide_strips,
     widths_by_marking,
+    with_extents,
     with_lines,
-    with_paint_past_ends,
-    with_widths,
 )
 from fieldcalib.io.image_files import Image, checked_image, size_of
 from fieldcalib.problem.evaluation import evaluate_cameras
@@ -328,8 +328,8 @@ def looked_at(refined: Refined, image: Image, profiles: Profiles | None, marking
     if camera is None or profiles is None:
         return refined
     paint = paint_evidence(image, profiles, markings) if paint is None else paint
-    seen = with_widths(paint.markings, widths_by_marking(image, profiles, markings))
-    seen = with_paint_past_ends(seen, image, camera, markings)
+    past = paint_past_ends(Ridges.past_ends(image, camera, markings), markings)
+    seen = with_extents(paint.markings, widths_by_marking(image, profiles, markings), past)
     missing = missing_net(image, camera, markings, seen) if markings.net else []
     return replace(refined, paint=replace(paint, markings=(*seen, *missing)))
 

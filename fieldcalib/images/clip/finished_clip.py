@@ -25,10 +25,10 @@ from fieldcalib.images.clip.clip_shape import OFF_MIDDLE, better_of_enlarged, ma
 from fieldcalib.images.clip.solved_shots import SolvedTripods, Tripod
 from fieldcalib.images.from_images import How
 from fieldcalib.images.paint.detected_lines import detected_lines, with_replaced
-from fieldcalib.images.paint.line_profiles import Markings, profiles_along
-from fieldcalib.images.paint.paint_evidence import Ridges, evidence_of, widths_by_marking, with_widths
+from fieldcalib.images.paint.line_profiles import Markings, Profiles, profiles_along
+from fieldcalib.images.paint.paint_evidence import Ridges, evidence_of, paint_past_ends, widths_by_marking, with_extents
 from fieldcalib.io.image_files import Image
-from fieldcalib.problem.labelled_pixels import PixelTable
+from fieldcalib.problem.labelled_pixels import NO_PIXELS, PixelTable
 from fieldcalib.problem.layout import PRINCIPAL_POINT
 from fieldcalib.problem.picture_shape import Declared, is_whole_shape
 from fieldcalib.problem.projection import Projection
@@ -41,6 +41,7 @@ LONGEST_GAP = 25  # frames without a camera in a row that are interpolated: a se
 # Share of the markings in view that shows paint, median over a shot: in right ones of eleven broadcasts 0.86 to 1, in a
 # rendered one with faint lines 0.52; 0.40 in a rendered one whose camera was 19 m off.
 LEAST_PAINT = 0.47
+LEAST_ENDS = 3  # frames that must show the end of a line before paint past it counts
 MIXED = Finding(What.MIXED)
 UNTIED = (  # the message claims nothing about the picture: without a camera no lines are looked for
     "nothing ties this picture to those around it, as in a dissolve, a flash or a pan too fast to follow, and it has "
@@ -57,20 +58,24 @@ class ClipLines:
     """Pieces of each tripod whose frames show its lines."""
     labels: Mapping[int, PixelTable]
     """Lines by frame."""
-    ridges: Mapping[int, Ridges]
-    """Ridges near the markings, by frame; of some frames only."""
-    widths: Mapping[int, Mapping[str, Array]]
-    """Widths of the paint of markings in these frames, as `widths_by_marking` measures them."""
+    paint: Mapping[int, FramePaint]
+    """Paint around the markings, by frame; of some frames only."""
 
 
-class _FrameLines(NamedTuple):
-    """Lines in one frame."""
+class FramePaint(NamedTuple):
+    """Paint around the markings that a camera projects into a frame."""
 
-    labels: PixelTable
-    ridges: Ridges | None
+    ridges: Ridges
+    past: Ridges
+    """Lines past the ends of the markings."""
     widths: Mapping[str, Array]
-    profiles: tuple[int, int]
-    """Number of profiles with a line, and of all profiles."""
+    """Widths of the paint of the markings, as `widths_by_marking` measures them."""
+
+    @classmethod
+    def of(cls, image: Image, camera: Camera, profiles: Profiles, markings: Markings) -> FramePaint:
+        """Look for it in an image, given the `profiles` of its camera."""
+        widths = widths_by_marking(image, profiles, markings)
+        return cls(Ridges.of(image, profiles), Ridges.past_ends(image, camera, markings), widths)
 
 
 def find_clip_lines(solved: SolvedTripods, images: Iterable[Image]) -> ClipLines:
@@ -88,48 +93,29 @@ def find_clip_lines(solved: SolvedTripods, images: Iterable[Image]) -> ClipLines
         cameras |= {t: (one, markings) for t, one in zip(frames, tripod.calibration, strict=True)}
     keys = {key for key, _ in solved.keyframes.shots.matches}
     labels: dict[int, PixelTable] = {}
-    ridges: dict[int, Ridges] = {}
-    widths: dict[int, Mapping[str, Array]] = {}
+    paint: dict[int, FramePaint] = {}
     counts = np.zeros((2, pieces.numbers[-1] + 1))  # profiles with a line, and all profiles, of each piece
     for t, image in enumerate(images):
-        if pieces.model_of([int(pieces.number[t])]).is_alone:
+        is_alone = pieces.model_of([int(pieces.number[t])]).is_alone
+        calibration, markings = (None, given) if is_alone else cameras.pop(t, (None, given))
+        if is_alone:
             (calibration,) = calibrate_frames_alone(how, [image])
-            one = _fitted(image, calibration, given)
-        else:
-            one = _near_markings(image, *cameras.pop(t), t in keys or t % PAINT_EVERY == 0) if t in cameras else None
-        if one is None:
+        if calibration is None or calibration.camera is None:
             continue
-        labels[t] = one.labels
-        counts[:, pieces.number[t]] += one.profiles
-        if one.ridges is not None:
-            ridges[t], widths[t] = one.ridges, one.widths
+        profiles, number = profiles_along(calibration.camera, markings), pieces.number[t]
+        if is_alone and calibration.solved is not None:
+            labels[t] = calibration.solved.pixels
+            counts[:, number] += 1
+        else:
+            labels[t] = detected_lines(image, profiles, markings, picture_sigma(calibration))
+            counts[:, number] += len(labels[t].frame), len(profiles)
+        if is_alone or t in keys or t % PAINT_EVERY == 0:
+            paint[t] = FramePaint.of(image, calibration.camera, profiles, markings)
+            beside = NO_PIXELS if is_alone else evidence_of(paint[t].ridges, markings).beside
+            labels[t] = with_replaced(labels[t], beside)
     shown = set(np.flatnonzero(counts[0] / np.maximum(counts[1], 1.0) >= LEAST_LINES).tolist())
     members = tuple(tuple(p for p in tripod.pieces if p in shown) for tripod in solved.tripods)
-    return ClipLines(solved, members, labels, ridges, widths)
-
-
-def _fitted(image: Image, calibration: Calibration, markings: Markings) -> _FrameLines | None:
-    """The lines from which a single frame was calibrated; None if it has no camera."""
-    if calibration.camera is None or calibration.solved is None:
-        return None
-    profiles = profiles_along(calibration.camera, markings)
-    widths = widths_by_marking(image, profiles, markings)
-    return _FrameLines(calibration.solved.pixels, Ridges.of(image, profiles), widths, (1, 1))
-
-
-def _near_markings(image: Image, calibration: Calibration, markings: Markings, with_ridges: bool) -> _FrameLines | None:
-    """The lines near the markings that the camera of a frame projects; None without a camera."""
-    camera = calibration.camera
-    if camera is None:
-        return None
-    profiles = profiles_along(camera, markings)
-    labels = detected_lines(image, profiles, markings, picture_sigma(calibration))
-    counts = len(labels.frame), len(profiles)
-    if not with_ridges:
-        return _FrameLines(labels, None, {}, counts)
-    ridges = Ridges.of(image, profiles)
-    labels = with_replaced(labels, evidence_of(ridges, markings).beside)
-    return _FrameLines(labels, ridges, widths_by_marking(image, profiles, markings), counts)
+    return ClipLines(solved, members, labels, paint)
 
 
 def picture_sigma(calibration: Calibration) -> float:
@@ -292,21 +278,24 @@ def _markings_seen(
 
     A frame in which paint was not looked for takes the evidence of the nearest frame of its piece, if that is near
     enough. Widths of paint are pooled over all frames and markings: one size of the field makes all of them too wide.
+    Paint past the end of a marking counts where most of the frames show it: a shadow or an old line does in some.
     """
     field, number = calibration.field, lines.solved.pieces.number[frames]
     markings = Markings.of(lines.solved.keyframes.how.task.object_segments if field is None else field)
-    cameras = {k: calibration[k].camera for k, t in enumerate(frames.tolist()) if t in lines.ridges}
+    paint = {k: lines.paint[t] for k, t in enumerate(frames.tolist()) if t in lines.paint}
+    cameras = {k: camera for k in paint if (camera := calibration[k].camera) is not None}
     seen = {
         k: evidence_of(
-            lines.ridges[int(frames[k])].seen_by(camera, markings), markings, _motion(calibration, number, k, camera)
+            paint[k].ridges.seen_by(camera, markings), markings, _motion(calibration, number, k, camera)
         ).markings
         for k, camera in cameras.items()
-        if camera is not None
     }
     if not seen:
         return {}
-    widths = pooled_widths([lines.widths[int(frames[k])] for k in seen])
-    seen = {k: with_widths(one, widths) for k, one in seen.items()}
+    widths = pooled_widths([paint[k].widths for k in seen])
+    ends = [paint[k].past.seen_by(camera, markings.past_ends, reach=0.0) for k, camera in cameras.items()]
+    past = pooled_past_ends([paint_past_ends(one, markings) for one in ends])
+    seen = {k: with_extents(one, widths, past) for k, one in seen.items()}
     looked_at = np.array(list(seen))
     nearest = looked_at[np.argmin(np.abs(frames[looked_at] - frames[:, None]), axis=1)]
     is_near = (np.abs(frames[nearest] - frames) < PAINT_EVERY) & (number[nearest] == number)
@@ -330,3 +319,15 @@ def pooled_widths(widths: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
     """Pool the widths measured in several frames: those of all markings, for each marking."""
     every = np.concatenate([np.zeros(0), *(some for one in widths for some in one.values())])
     return {label: every for one in widths for label in one}
+
+
+def pooled_past_ends(past: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Median of the lengths of paint past the ends of lines, by label, over the frames that show these ends, if many.
+
+    Examples
+    --------
+    >>> pooled_past_ends([{"Middle line": 40.0, "Side line top": 50.0}, {"Middle line": 30.0}, {"Middle line": 0.0}])
+    {'Middle line': 30.0}
+    """
+    every = {label: [one[label] for one in past if label in one] for label in set[str]().union(*past)}
+    return {label: float(np.median(some)) for label, some in every.items() if len(some) >= LEAST_ENDS}

@@ -33,7 +33,7 @@ from fieldcalib.images.clip.keyframes import are_consistent, labels_of
 from fieldcalib.images.from_images import How
 from fieldcalib.images.paint.detected_lines import detected_lines, with_replaced
 from fieldcalib.images.paint.line_profiles import Markings, profiles_along
-from fieldcalib.images.paint.paint_evidence import BAND, Ridges, evidence_of, widths_by_marking, with_widths
+from fieldcalib.images.paint.paint_evidence import BAND, Ridges, evidence_of, widths_by_marking, with_extents
 from fieldcalib.io.image_files import Image
 from fieldcalib.problem.compilation import compiled_module
 from fieldcalib.problem.labelled_pixels import NO_PIXELS, PixelTable
@@ -370,7 +370,7 @@ class LiveShot:
             profiles = profiles_along(camera, self.solved.markings)
             measured = index, widths_by_marking(image, profiles, self.solved.markings)
             shot = replace(shot, widths=(*self.widths[1 - MOST_WIDTHS :], measured))
-        markings = with_widths(markings, pooled_widths([one for _, one in shot.widths]))
+        markings = with_extents(markings, pooled_widths([one for _, one in shot.widths]))
         shot = replace(shot, paint=(index, markings), is_new=False)
         if contradiction(markings):
             return replace(shot, doubts=self.doubts + 1)

@@ -119,20 +119,39 @@ class Ridges:
         raised = wide.profiles.take(np.flatnonzero(~wide.profiles.on_ground))
         return cls(profiles.take(shown), xy[shown].astype(np.float32), may_be_line[shown], raised, strips.unit)
 
+    @classmethod
+    def past_ends(cls, image: Image, camera: Camera, markings: Markings) -> Ridges:
+        """Look for lines at the continuations of the projected lines past their ends, at most 3 px beside them.
+
+        Not near the border of the picture, nor on courts, where lines of other sports go on: fields whose lines may be
+        borders of differently painted areas.
+        """
+        unit, middle = pixel_unit(camera.image_size), np.divide(camera.image_size, 2.0)
+        profiles = profiles_along(camera, markings.past_ends)
+        is_free = np.all(np.abs(profiles.xy - middle) < middle - FROM_BORDER * unit, axis=1)
+        profiles = profiles.take(np.flatnonzero(is_free & np.isfinite(markings.look.ground_difference)))
+        profiles = replace(profiles, room=np.full(len(profiles), np.inf))  # other markings are not near
+        xy = profiles.xy + find_lines(image, profiles, BESIDE)[:, None] * profiles.normal
+        every = np.ones((len(profiles), 1), dtype=bool)
+        return cls(profiles, xy[:, None].astype(np.float32), every, profiles.take(np.zeros(0, dtype=np.intp)), unit)
+
     @property
     def offset(self) -> Array:
         """Signed distances (n, k) of the ridges from the markings, pixels; NaN for none."""
         return np.asarray(np.sum((self.xy - self.profiles.xy[:, None]) * self.profiles.normal[:, None], axis=-1))
 
-    def seen_by(self, camera: Camera, markings: Markings) -> Ridges:
-        """Relate the ridges to the markings that another camera projects; ridges far from all of them are dropped."""
+    def seen_by(self, camera: Camera, markings: Markings, reach: float = BAND) -> Ridges:
+        """Relate the ridges to the markings that another camera projects; those farther off than `reach` are dropped.
+
+        Markings past the ends of others are looked at with a reach of 0: ridges before such an end are not past it.
+        """
         old, new = self.profiles, profiles_along(camera, markings)
         raised, new = (new.take(np.flatnonzero(new.on_ground == is_on)) for is_on in (False, True))
         pairs = [np.zeros((2, 0), dtype=np.intp)]
         for k in np.intersect1d(old.member, new.member):
             here, there = np.flatnonzero(old.member == k), np.flatnonzero(new.member == k)
             distance = np.linalg.norm(old.xy[here][:, None] - new.xy[there], axis=-1)
-            near = np.min(distance, axis=1) < (BAND + SPACING) * self.unit
+            near = np.min(distance, axis=1) < (reach + SPACING) * self.unit
             pairs.append(np.stack([here[near], there[np.argmin(distance, axis=1)][near]]))
         kept, at = np.concatenate(pairs, axis=1)
         return replace(self, profiles=new.take(at), xy=self.xy[kept], may_be_line=self.may_be_line[kept], raised=raised)
@@ -346,43 +365,38 @@ def _run_beside(offset: Array, basis: Array, on: int, unit: float) -> tuple[floa
     return float(np.max(np.abs(basis @ fitted))), run
 
 
-def with_paint_past_ends(
-    seen: Sequence[MarkingInView], image: Image, camera: Camera, markings: Markings
-) -> tuple[MarkingInView, ...]:
-    """Add to painted lines how far their paint goes on past an end of their projections.
+def paint_past_ends(past: Ridges, markings: Markings) -> dict[str, float]:
+    """How far the paint of lines goes on past an end of their projections, pixels, by label; 0 where it does not.
 
-    Not near the border of the picture, nor on courts, where lines of other sports go on: fields whose lines may be
-    borders of differently painted areas.
+    `past` has what was found there (`Ridges.past_ends`). Lines whose ends are not in view are left out.
     """
-    if not np.isfinite(markings.look.ground_difference):
-        return tuple(seen)
-    unit, middle = pixel_unit(camera.image_size), np.divide(camera.image_size, 2.0)
-    profiles = profiles_along(camera, markings.past_ends)
-    is_free = np.all(np.abs(profiles.xy - middle) < middle - FROM_BORDER * unit, axis=1)
-    profiles = profiles.take(np.flatnonzero(is_free))
-    profiles = replace(profiles, room=np.full(len(profiles), np.inf))  # other markings are not near
-    is_on = np.abs(find_lines(image, profiles, BESIDE)) < ON_PAINT * unit
-    past = dict[str, float]()
+    found = dict[str, float]()
+    is_on, profiles = np.any(np.abs(past.offset) < ON_PAINT * past.unit, axis=1), past.profiles
     for k in np.unique(profiles.member):
         at = np.flatnonzero(profiles.member == k)  # from the end on
         share = np.cumsum(is_on[at]) / np.arange(1, len(at) + 1)
         count = int(np.max(np.flatnonzero(share >= PAINTED_PAST), initial=-1)) + 1
         length, label = float(np.sum(profiles.spacing[at[:count]])), markings.past_ends.labels[k]
-        if count >= LEAST_PAST and length >= SHORTEST_PAST * unit:
-            past[label] = max(past.get(label, 0.0), length)
-    return tuple(
-        replace(one, past_end=past[one.label]) if one.share >= SEEN and one.label in past else one for one in seen
-    )
+        if len(at) >= LEAST_PAST:
+            is_past = count >= LEAST_PAST and length >= SHORTEST_PAST * past.unit
+            found[label] = max(found.get(label, 0.0), length if is_past else 0.0)
+    return found
 
 
-def with_widths(seen: Sequence[MarkingInView], widths: Mapping[str, Array]) -> tuple[MarkingInView, ...]:
-    """Add the median of the measured widths (n,) to the markings in view that do not lie beside their paint."""
-    return tuple(
-        replace(one, width=float(np.median(widths[one.label])), widths=len(widths[one.label]))
-        if one.label in widths and not one.is_beside
-        else one
-        for one in seen
-    )
+def with_extents(
+    seen: Sequence[MarkingInView], widths: Mapping[str, Array], past: Mapping[str, float] | None = None
+) -> tuple[MarkingInView, ...]:
+    """Add what was measured of the paint of markings in view, by label.
+
+    These are the median of its widths (n,), unless it lies beside its marking, and, where most of it is seen, by how
+    many pixels it goes on past an end.
+    """
+    found = []
+    for one in seen:
+        if one.label in widths and not one.is_beside:
+            one = replace(one, width=float(np.median(widths[one.label])), widths=len(widths[one.label]))
+        found.append(replace(one, past_end=(past or {}).get(one.label, 0.0)) if one.share >= SEEN else one)
+    return tuple(found)
 
 
 def widths_by_marking(image: Image, profiles: Profiles, markings: Markings) -> dict[str, Array]:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pictures import picture
 from tripods import SIZE, chain, matched, panned
 
 from data_tools.synthetic.clips import labelled
@@ -16,6 +17,7 @@ from fieldcalib.images.clip.clip_models import ALONE, CUT_OUT, MOVING, TRIPOD, W
 from fieldcalib.images.clip.finished_clip import (
     UNTIED,
     ClipLines,
+    FramePaint,
     _with_place_of_picture,
     find_clip_lines,
     finish_clip,
@@ -25,6 +27,7 @@ from fieldcalib.images.clip.finished_clip import (
 from fieldcalib.images.clip.keyframes import KeyframeLabels, Keyframes, Shots, are_consistent
 from fieldcalib.images.clip.solved_shots import solve_shots, solve_tripods
 from fieldcalib.images.from_images import How
+from fieldcalib.images.paint.line_profiles import Markings, profiles_along
 from fieldcalib.problem.evaluation import evaluate_camera
 from fieldcalib.problem.labelled_pixels import PixelTable
 from fieldcalib.problem.picture_shape import Declared
@@ -51,10 +54,10 @@ def solved(clip):
     return solve_tripods(solve_shots(clip))
 
 
-def finished(found):
+def finished(found, paint=None):
     """All frames, from the labels of keyframes."""
     members = tuple(one.pieces for one in found.tripods)
-    return finish_clip(ClipLines(found, members, found.keyframes.accepted, {}, {}))
+    return finish_clip(ClipLines(found, members, found.keyframes.accepted, paint or {}))
 
 
 def together(clip, labels=None):
@@ -184,6 +187,21 @@ def test_a_window_that_moves_is_found_out(size):
     assert [one.verdict for one in found] == [Verdict.GOOD] * 16
 
 
+@pytest.mark.parametrize(("off", "is_doubted"), [(5, True), (4, True), (2, False), (0, False)])
+def test_paint_past_an_end_counts_in_a_clip_where_most_frames_show_it(off, is_doubted):
+    """The lines of a penalty area lie on paint, but in some frames it goes on by seven metres."""
+    cameras = [Camera.from_angles(0.55 + 0.01 * k, 1.36, 0.0, 1500.0, (0.0, 66.0, -16.0), SIZE) for k in range(5)]
+    shown = [moved(camera, (0.0, 7.0 * (k < off), 0.0)) for k, camera in enumerate(cameras)]
+    markings, found = Markings.of(FIELD), solved(clip_of(cameras))
+    paint = {
+        k: FramePaint.of(picture(other, FIELD), camera, profiles_along(camera, markings), markings)
+        for k, (camera, other) in enumerate(zip(cameras, shown, strict=True))
+    }
+    video = finished(found, paint)
+    assert [one.has_finding(What.PAST_END) for one in video] == 5 * [is_doubted]
+    assert not is_doubted or all(one.verdict is Verdict.CHECK for one in video)
+
+
 def test_a_second_look_that_loses_cameras_is_not_taken(monkeypatch):
     result = solved(clip_of(panned(10, -0.4, 0.4)))
     found = finished(result)
@@ -193,7 +211,7 @@ def test_a_second_look_that_loses_cameras_is_not_taken(monkeypatch):
     monkeypatch.setattr("fieldcalib.images.clip.finished_clip.find_clip_lines", lambda *_: None)
     monkeypatch.setattr("fieldcalib.images.clip.finished_clip.finish_clip", lambda *_: nothing)
     assert off_paint(found) > off_paint(nothing) == 0.0
-    assert finish_clip_again(found, ClipLines(result, ((0,),), {}, {}, {}), []) is found
+    assert finish_clip_again(found, ClipLines(result, ((0,),), {}, {}), []) is found
 
 
 @pytest.mark.slow
@@ -276,8 +294,8 @@ def test_frames_that_share_nothing_are_calibrated_one_by_one(monkeypatch):
         ],
     )
     lines = find_clip_lines(found, images)
-    assert set(lines.labels) == set(lines.ridges) == set(range(14))
-    video = finish_clip(replace(lines, ridges={}))
+    assert set(lines.labels) == set(lines.paint) == set(range(14))
+    video = finish_clip(replace(lines, paint={}))
     assert np.median([far_off(one, camera) for one, camera in zip(video, cameras, strict=True)]) < 1.0
     assert video.basis == ["lines"] * 14
 

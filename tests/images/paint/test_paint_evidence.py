@@ -32,7 +32,8 @@ from fieldcalib.images.paint.paint_evidence import (
     evidence_of,
     missing_net,
     paint_evidence,
-    with_paint_past_ends,
+    paint_past_ends,
+    with_extents,
 )
 from fieldcalib.images.refinement import ToRefine, refine_all
 from fieldcalib.solve.from_segments import calibrate_from_segments
@@ -345,7 +346,7 @@ def past_ends(image, camera, field):
     markings = Markings.of(field)
     profiles = profiles_along(camera, markings)
     seen = paint_evidence(image, profiles, markings).markings
-    found = with_paint_past_ends(seen, image, camera, markings)
+    found = with_extents(seen, {}, paint_past_ends(Ridges.past_ends(image, camera, markings), markings))
     return {one.label: one.past_end for one in found if one.past_end}
 
 

@@ -16,7 +16,7 @@ from fieldcalib.assess.paint_in_view import TOO_WIDE, MarkingInView, paint_findi
 from fieldcalib.draw.scene import render_field
 from fieldcalib.images import refine_on_image
 from fieldcalib.images.paint.line_profiles import Markings, profiles_along
-from fieldcalib.images.paint.paint_evidence import paint_evidence, paint_widths, widths_by_marking, with_widths
+from fieldcalib.images.paint.paint_evidence import paint_evidence, paint_widths, widths_by_marking, with_extents
 
 CAMERA = Camera.from_angles(0.3, 1.36, 0.0, 3200.0, (0.0, 66.0, -16.0), (1920, 1080))
 MARKINGS = Markings.of(soccer())
@@ -33,7 +33,9 @@ def picture(share):
 
 def seen(image, camera=CAMERA):
     profiles = profiles_along(camera, MARKINGS)
-    return with_widths(paint_evidence(image, profiles, MARKINGS).markings, widths_by_marking(image, profiles, MARKINGS))
+    return with_extents(
+        paint_evidence(image, profiles, MARKINGS).markings, widths_by_marking(image, profiles, MARKINGS)
+    )
 
 
 @pytest.mark.parametrize("share", [1.0, *(pytest.param(share, marks=pytest.mark.slow) for share in (0.8, 0.6, 0.5))])
