@@ -196,7 +196,7 @@ def as_part(task: Task, image_size: tuple[int, int]) -> Task:
 
     A part with the shape of a whole frame was cut out and enlarged, so its principal point may lie far off. For
     narrower ones the prior allows for that already (`principal_point_sigma`), but not for the focal length of a frame,
-    which is long for their width. In a clip the prior counts in every frame, and would outweigh the labels.
+    which is long for their width.
 
     Examples
     --------

@@ -80,6 +80,15 @@ def test_frames_that_were_cut_out_have_the_focal_length_of_their_whole_ones():
     np.testing.assert_allclose(f, 6000.0, rtol=0.05)
 
 
+def test_the_prior_of_zoom_and_angles_does_not_count_in_every_frame():
+    """Those of tilt and zoom, off in all 40 frames alike, had moved the place by 4.9 standard deviations, 80 m."""
+    pans, place = np.linspace(0.0, 0.1, 40), (0.0, 75.0, -18.0)
+    whole = [Camera.from_angles(pan, 1.38, -0.02, 3000.0, place, (1920, 1080)) for pan in pans]
+    found = together(clip_of([one.cropped((1200, 0), (608, 1080)) for one in whole], noise=1.0, seed=1)).shared
+    truth = dict(zip(("x", "y", "z", "cx", "cy"), (*place, 960.0 - 1200.0, 540.0), strict=True))
+    assert all(abs(found[name][0] - value) < 2.0 * found[name][1] for name, value in truth.items())
+
+
 @pytest.mark.parametrize(
     ("width", "sigma", "size", "is_doubted"),
     [

@@ -230,7 +230,7 @@ def test_a_size_that_the_frames_contradict_is_not_kept_however_uncertain_the_oth
 
 
 def test_further_frames_determine_a_size_that_the_first_ones_do_not():
-    frames = shorter_pitch((-0.06, -0.02, 0.02, 0.06, 0.3, 0.32, 0.34, 0.36, 0.38), 0.5)
+    frames = shorter_pitch((-0.06, -0.02, 0.02, 0.06, 0.3, 0.32, 0.34, 0.36, 0.38, 0.4, 0.42, 0.44), 0.5)
     table = PixelTable.of(tuple(FIELD), frames)
     problem = SequenceProblem.of(Task(FIELD).options(SIZE), table, SHARED)
     middle = problem.calibrate_alone(np.arange(4), problem.options)
