@@ -355,9 +355,9 @@ def block_arrow_steps(
     border = groups.sum(damped[:, shared][:, :, shared] - H_st @ following)
     right = groups.sum(downhill[:, shared] - (H_st @ alone[..., None])[..., 0])
     # at absurd cameras derivatives differ by many magnitudes
-    unit = np.sqrt(np.abs(np.diagonal(border, axis1=1, axis2=2)))
-    scaled = np.linalg.solve(border / (unit[:, :, None] * unit[:, None]), (right / unit)[..., None])[..., 0]
-    ds = groups.spread(scaled / unit)
+    unit = np.sqrt(np.abs(np.diagonal(border, axis1=1, axis2=2)))[..., None]
+    scaled = border / (unit * np.swapaxes(unit, 1, 2))
+    ds = groups.spread((np.linalg.solve(scaled, right[..., None] / unit) / unit)[..., 0])
     step = np.empty_like(downhill)
     step[:, shared] = ds
     step[:, own] = alone - (following @ ds[..., None])[..., 0]

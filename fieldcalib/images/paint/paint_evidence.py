@@ -377,9 +377,9 @@ def paint_past_ends(past: Ridges, markings: Markings) -> dict[str, float]:
         share = np.cumsum(is_on[at]) / np.arange(1, len(at) + 1)
         count = int(np.max(np.flatnonzero(share >= PAINTED_PAST), initial=-1)) + 1
         length, label = float(np.sum(profiles.spacing[at[:count]])), markings.past_ends.labels[k]
+        is_past = count >= LEAST_PAST and length >= SHORTEST_PAST * past.unit
         if len(at) >= LEAST_PAST:
-            is_past = count >= LEAST_PAST and length >= SHORTEST_PAST * past.unit
-            found[label] = max(found.get(label, 0.0), length if is_past else 0.0)
+            found[label] = max(found.get(label, 0.0), length * is_past)
     return found
 
 

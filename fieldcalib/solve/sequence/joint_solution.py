@@ -186,8 +186,7 @@ def joint_start(
     )
     once = (layout.roles == Role.SHARED) | layout.is_centre
     # on a tripod zoom and angles are alike from frame to frame; with the camera or a window that moves they change
-    if not problem.moves and "principal point" in problem.shared:
-        once[: CENTER.stop] = True
+    once[: CENTER.stop] |= not problem.moves and "principal point" in problem.shared
     return JointStart(index, joint_evaluation(like, options.object_segments, pixels, theta, once))
 
 
