@@ -115,6 +115,24 @@ def test_a_narrow_part_that_is_looked_at_padded_is_to_be_checked_unless_it_is_su
 
 
 @pytest.mark.parametrize(
+    ("part", "sure", "expected"),
+    [
+        (Crop(UPRIGHT.image_size, (0, 0)), 0.9, Verdict.GOOD),
+        (Crop(UPRIGHT.image_size, (0, 0)), 1.0, Verdict.CHECK),
+        (None, 0.9, Verdict.REJECT),
+    ],
+)
+def test_an_upright_part_without_a_camera_is_seen_at_the_input_for_uprights(part, sure, expected, monkeypatch):
+    monkeypatch.setattr(from_images, "SURE_UPRIGHT", sure)
+    declared = how(KnownCameras([None]), part).on_part() if part else How(Task(FIELD), KnownCameras([None]))
+    sees = KnownCameras([UPRIGHT])
+    (found,) = with_narrow_padded(lambda images: [REJECT], [picture(UPRIGHT)], how=declared, upright=sees)
+    found = replace(found, declared=Declared.FRAME)
+    assert found.verdict is expected
+    assert found.has_finding(What.NARROW) == (expected is Verdict.CHECK)
+
+
+@pytest.mark.parametrize(
     ("size", "labels", "is_doubted"), [((420, 560), 5, True), ((420, 560), 6, False), ((560, 560), 5, False)]
 )
 def test_a_good_camera_of_an_upright_picture_needs_six_labels(size, labels, is_doubted, monkeypatch):

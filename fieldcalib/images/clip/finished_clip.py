@@ -102,13 +102,12 @@ def find_clip_lines(solved: SolvedTripods, images: Iterable[Image]) -> ClipLines
             (calibration,) = calibrate_frames_alone(how, [image])
         if calibration is None or calibration.camera is None:
             continue
-        profiles, number = profiles_along(calibration.camera, markings), pieces.number[t]
+        profiles = profiles_along(calibration.camera, markings)
         if is_alone and calibration.solved is not None:
             labels[t] = calibration.solved.pixels
-            counts[:, number] += 1
         else:
             labels[t] = detected_lines(image, profiles, markings, picture_sigma(calibration))
-            counts[:, number] += len(labels[t].frame), len(profiles)
+        counts[:, pieces.number[t]] += (1, 1) if is_alone else (len(labels[t].frame), len(profiles))
         if is_alone or t in keys or t % PAINT_EVERY == 0:
             paint[t] = FramePaint.of(image, calibration.camera, profiles, markings)
             beside = NO_PIXELS if is_alone else evidence_of(paint[t].ridges, markings).beside

@@ -132,8 +132,7 @@ class Ridges:
         profiles = profiles.take(np.flatnonzero(is_free & np.isfinite(markings.look.ground_difference)))
         profiles = replace(profiles, room=np.full(len(profiles), np.inf))  # other markings are not near
         xy = profiles.xy + find_lines(image, profiles, BESIDE)[:, None] * profiles.normal
-        every = np.ones((len(profiles), 1), dtype=bool)
-        return cls(profiles, xy[:, None].astype(np.float32), every, profiles.take(np.zeros(0, dtype=np.intp)), unit)
+        return cls(profiles, xy[:, None].astype(np.float32), np.isfinite(xy[:, :1]), profiles.take(np.arange(0)), unit)
 
     @property
     def offset(self) -> Array:
