@@ -478,11 +478,8 @@ class Editor:
         found = solve(self.frames, self._first_pass, anchors, cuts, self._now, progress)
         in_clip = {n: one for n, one in found.calibrations.items() if n in anchors and one is not anchors[n]}
         told = {n: with_strays(self._states[n].edits.history.present.marks, one) for n, one in in_clip.items()}
-        return replace(
-            found,
-            calibrations={**found.calibrations, **told},
-            revisions={n: revisions[n] for n in found.anchors},
-        )
+        calibrations = {**found.calibrations, **told}
+        return replace(found, calibrations=calibrations, revisions={n: revisions[n] for n in found.anchors})
 
     def next_to_mend(self) -> int | None:
         """Number of the frame of a clip whose labels would help most; None if all cameras are good.

@@ -421,7 +421,7 @@ def pictures_of(input: Input) -> Pictures:
 def _labels_in(source: object) -> Mapping[str, Labels] | Path | None:
     """Labelled pixels by id, or the path of annotations; None if the source is something else."""
     if isinstance(source, str | os.PathLike):
-        path = Path(source)
+        path = file_path(source, "a picture, a folder or a video")
         return path if str(source) and path.exists() and are_annotations(path) else None
     if isinstance(source, Annotation):
         return {source.id: source}

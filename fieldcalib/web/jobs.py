@@ -140,15 +140,13 @@ class ClipJob:
         status = self._status
         changes = None
         if status.state == "ready" and status.proposal is not None:
-            numbers, ids, before = list(status.proposal.calibrations), self._editor.ids, self._editor.table.rows
+            numbers, ids, rows = list(status.proposal.calibrations), self._editor.ids, self._editor.table.rows
+            before_and_after = [rows[n] for n in numbers], status.proposal.calibrations.values()
             moves = [status.proposal.moves[n] for n in numbers]
             changes = {
                 "frames": numbers,
                 "pixels": [None if math.isnan(move) else round(move, 2) for move in moves],
-                "good": [
-                    sum(before[n].verdict == Verdict.GOOD for n in numbers),
-                    sum(one.verdict is Verdict.GOOD for one in status.proposal.calibrations.values()),
-                ],
+                "good": [sum(one.verdict == Verdict.GOOD for one in some) for some in before_and_after],
                 "contradicted": {ids[n]: what for n, what in status.proposal.contradicted.items()},
             }
         return {
