@@ -14,7 +14,7 @@ from fieldcalib.fields.catalogue import field as field_named
 from fieldcalib.fields.field import Field
 from fieldcalib.images.from_images import How, calibrate_alone, calibrate_from_images
 from fieldcalib.images.search.court_ranking import PictureToSearch
-from fieldcalib.images.search.court_search import FoundCourt, searches_for
+from fieldcalib.images.search.court_search import searches_for
 from fieldcalib.images.search.stripe_likelihood import MarkingPoints
 from fieldcalib.io.image_files import Image
 from fieldcalib.localize import Network
@@ -121,16 +121,11 @@ def _compared(picture: PictureToSearch, names: Sequence[str], network: Network |
             accepted = max((one.score for one in found.values() if one.is_accepted), default=0.0)
             if likely[name] >= max(LIKELY * max(likely.values()), LIKELY_BESIDE * accepted):
                 for searched in islice(searches[name], None if is_thorough else 1):
-                    found[name] = _of_courts(searched.courts)
+                    for best in searched.courts[:1]:
+                        found[name] = _Found(max(best.evidence.score, 0.0), best.calibration.verdict)
         if any(one.is_accepted for one in found.values()):
             break
     return found
-
-
-def _of_courts(best_first: Sequence[FoundCourt]) -> _Found:
-    if not best_first:
-        return _Found()
-    return _Found(max(best_first[0].evidence.score, 0.0), best_first[0].calibration.verdict)
 
 
 def _unrefined(picture: PictureToSearch, fields: Mapping[str, Field], *, is_thorough: bool) -> dict[str, float]:
@@ -144,7 +139,7 @@ def _unrefined(picture: PictureToSearch, fields: Mapping[str, Field], *, is_thor
         first = next(one for one in fields if _sport(one) == _sport(name))
         if name == first or likely[first] >= LIKELY * max(likely.values()):
             stripes = picture.stripes(lighter=field.lines.lighter)
-            ranked = stripes.ranked(field, are_cut_out=False) if is_thorough else stripes.ranked_clear(field)
+            ranked = stripes.ranked(field, may_be_cut_out=False) if is_thorough else stripes.ranked_clear(field)
             likely[name] = float(np.max(ranked.score, initial=0.0))
     return likely
 

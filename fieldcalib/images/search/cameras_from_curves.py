@@ -106,8 +106,10 @@ class _Triples:
         """Combine all pairs of lines, third lines and focal lengths; `turn` is -1 for cameras turned by 180 degrees."""
         width = float(size[0])
         line, ends = lines.seen_from(0.5 * np.array(size), width)
-        pair, third, index = _combined(parallel_pairs(line, ends), len(line), len(focal_lengths))
-        f = focal_lengths[index]
+        pairs = parallel_pairs(line, ends)
+        pair, third, f = (one.ravel() for one in np.indices((len(pairs), len(line), len(focal_lengths))))
+        apart = np.all(pairs[pair] != third[:, None], axis=1)
+        pair, third, f = pairs[pair[apart]], third[apart], focal_lengths[f[apart]]
         first, second, other = (planes_of(line[one], f) for one in (pair[:, 0], pair[:, 1], third))
         along = unit(np.cross(first, second)) * turn
         across = unit(np.cross(other, along))
@@ -158,13 +160,6 @@ class _Triples:
             found.append((own[good], np.column_stack(place)[good]))
         index, C = (np.concatenate(parts) for parts in zip(*found, strict=True))
         return Cameras.centred(self.f[index], self.R[index], C, self.size)
-
-
-def _combined(pairs: IntArray, count: int, focal_lengths: int) -> tuple[IntArray, IntArray, IntArray]:
-    """All combinations of pairs (N, 2), other lines (N,) and focal lengths (N,)."""
-    pair, third, f = (one.ravel() for one in np.indices((len(pairs), count, focal_lengths)).reshape(3, -1))
-    apart = np.all(pairs[pair] != third[:, None], axis=1)
-    return pairs[pair[apart]], third[apart], f[apart]
 
 
 def planes_of(line: Array, f: Array) -> Array:
@@ -250,7 +245,8 @@ class SeenCircles:
         with np.errstate(divide="ignore", invalid="ignore"):
             centre /= np.sum(centre * down, axis=1)[:, None]
             across = unit(np.cross(down, FORWARD))
-            radius = np.sqrt(-_squared(Q, centre) / _squared(Q, across))
+            of_centre, of_across = (np.einsum("ni,nij,nj->n", v, Q, v) for v in (centre, across))
+            radius = np.sqrt(-of_centre / of_across)
         good = (np.abs(down[:, 0]) < np.sin(LEVEL)) & (down[:, 1] > 0.0) & (centre[:, 2] > 0.0) & (radius > 0.0)
         return cls(f, down, centre, radius, np.full_like(down, np.nan), size).take(good)
 
@@ -281,8 +277,3 @@ class SeenCircles:
         """Select by mask or by index."""
         f, down, centre = self.f[index], self.down[index], self.centre[index]
         return SeenCircles(f, down, centre, self.radius[index], self.along[index], self.size)
-
-
-def _squared(Q: Array, v: Array) -> Array:
-    """``v' Q v`` of matrices (N, 3, 3) and vectors (N, 3)."""
-    return np.asarray(np.einsum("ni,nij,nj->n", v, Q, v))

@@ -83,9 +83,7 @@ class Cameras:
 
     @classmethod
     def of(cls, cameras: Sequence[Camera], size: tuple[int, int]) -> Cameras:
-        """Collect cameras of pictures of one size, without their lenses."""
-        if not cameras:
-            return cls.none(size)
+        """Collect some cameras of pictures of one size, without their lenses."""
         K, R, C = (np.array([getattr(one, name) for one in cameras]) for name in ("K", "R", "C"))
         return cls(K[:, 0, 0], K[:, :2, 2], R, C, size)
 

@@ -1,8 +1,8 @@
 """Ranking of the cameras that a search proposes for a picture, before they are refined on it.
 
-`rank_cameras` collects the hypotheses from lines and ellipses, scores them by all stripes of the picture, and keeps the
-likeliest. Two cameras count as the same if they project a grid of points on the field to nearly the same pixels;
-`Rivals` gives the score of the best camera that differs from a given one in this sense.
+`PictureStripes.ranked` collects the hypotheses from lines and ellipses, scores them by all stripes of the picture, and
+keeps the likeliest. Two cameras count as the same if they project a grid of points on the field to nearly the same
+pixels; `Rivals` gives the score of the best camera that differs from a given one in this sense.
 
 Some fields look the same some steps further along: yard lines repeat every 5 yards (`Field.repeats`). If neither an end
 of the field nor anything else in view tells the yard lines apart, the camera moved along the field by some steps takes
@@ -60,11 +60,6 @@ class Ranked:
     bend: Bend
     """The distortion of the picture."""
 
-    @property
-    def turned(self) -> Ranked:
-        """All cameras turned by 180 degrees about the centre mark, to the other side of the field."""
-        return replace(self, cameras=self.cameras.turned(np.ones(len(self.score), dtype=bool)))
-
     def camera(self, index: int) -> Camera:
         """The camera at an index, with the lens of the picture."""
         return self.bend.with_lens(self.cameras.camera(index))
@@ -75,33 +70,6 @@ class Ranked:
             u, v, depth = np.moveaxis(self.cameras.projections @ np.column_stack([X, np.ones(len(X))]).T, 1, 0)
             xy = np.where((depth > 0.0)[..., None], np.stack([u, v], axis=-1) / depth[..., None], np.nan)
         return self.bend.bent(xy)
-
-
-def rank_cameras(curves: Curves, maps: StripeMaps, field: Field, bend: Bend, *, are_cut_out: bool) -> Ranked:
-    """Find cameras that explain the long lines and ellipses of a picture, and rank them by all its stripes.
-
-    `curves` and `maps` are those of the picture without distortion. If no camera is likely, and pictures of the field
-    `are_cut_out` of larger ones, principal points outside the middle are tried too.
-    """
-    lines, _ = curves
-    found = [*_clear(curves, maps, field, bend), few_line_hypotheses(lines, field, maps.size, 1.0 + bend.a)]
-    cameras, score = _ranked(maps, Cameras.joined(found, maps.size), field)
-    if are_cut_out and bend.a == 0.0 and np.max(score, initial=0.0) < SURE:
-        others = [_likeliest(maps, hypotheses(lines, field, maps.size, row), field)[0] for row in ROWS]
-        cameras, score = _ranked(maps, Cameras.joined([cameras, *others], maps.size), field)
-    return Ranked(cameras, score, bend)
-
-
-def _clear(curves: Curves, maps: StripeMaps, field: Field, bend: Bend) -> list[Cameras]:
-    """Cameras from four lines, and from a circle and a line."""
-    lines, ellipses = curves
-    circles = circle_hypotheses(ellipses, lines, field, maps.size, 1.0 + bend.a)
-    return [hypotheses(lines, field, maps.size), circles]
-
-
-def is_often_cut_out(field: Field) -> bool:
-    """Whether pictures of the field are views cut out of larger ones, so that their principal points are anywhere."""
-    return principal_point(field) > CUT_OUT
 
 
 def principal_point(field: Field) -> float:
@@ -247,6 +215,8 @@ class PictureToSearch:
 
     image: Image
     """(height, width, 3), blue, green, red."""
+    is_smaller: bool = False
+    """Whether stripes are found in it at the size of a second look."""
     _found: dict[bool | None, AllStripes] = field(default_factory=dict, repr=False)
     _used: dict[tuple[bool | None, bool], PictureStripes] = field(default_factory=dict, repr=False)
 
@@ -260,12 +230,20 @@ class PictureToSearch:
         if (lighter, on_floor) not in self._used:
             bend = next((one.bend for one in self._used.values()), None)  # that of other stripes is the lens's too
             stripes = self._found[lighter].standing_out(self._floor if on_floor else None)
+            if on_floor and bend is not None and bend.a != 0.0:
+                # lines of a crowd are bent by chance: the many edges of the floor must show that distortion too
+                bend = bend_of(stripes, [bend.a]) if lighter is None else self.stripes(lighter=None, on_floor=True).bend
             self._used[lighter, on_floor] = PictureStripes.of(self._small, stripes, bend)
         return self._used[lighter, on_floor]
 
     @cached_property
     def _small(self) -> Image:
-        return at_working_size(self.image)
+        return at_working_size(self.image, smaller=self.is_smaller)
+
+    @cached_property
+    def smaller(self) -> PictureToSearch:
+        """The same picture for a second look."""
+        return PictureToSearch(self.image, is_smaller=True)
 
     @cached_property
     def _floor(self) -> BoolArray:
@@ -329,9 +307,15 @@ class PictureStripes:
         """Long lines, and ellipses if the field has circles; finding ellipses takes 0.1 s."""
         return self.lines, self.ellipses if len(circles_of(court)) else ()
 
+    def _clear(self, court: Field) -> list[Cameras]:
+        """Cameras from four lines, and from a circle and a line."""
+        lines, ellipses = self.curves(court)
+        circles = circle_hypotheses(ellipses, lines, court, self.bend.size, 1.0 + self.bend.a)
+        return [hypotheses(lines, court, self.bend.size), circles]
+
     def ranked_clear(self, court: Field) -> Ranked:
         """Rank as `ranked` does, but without the many cameras that project three lines of the field onto three."""
-        found = Cameras.joined(_clear(self.curves(court), self.straight_maps, court, self.bend), self.maps.size)
+        found = Cameras.joined(self._clear(court), self.bend.size)
         return Ranked(*_ranked(self.straight_maps, found, court), self.bend)
 
     def ranked_from_above(self, court: Field) -> Ranked:
@@ -339,9 +323,28 @@ class PictureStripes:
         found = hypotheses(self.lines, court, self.maps.size, from_above=True)
         return Ranked(*_ranked(self.straight_maps, found, court, are_above), self.bend)
 
-    def ranked(self, court: Field, *, are_cut_out: bool) -> Ranked:
-        """Rank the cameras for a field, once; `are_cut_out` as in `rank_cameras`."""
-        if (court, are_cut_out) not in self._ranked:
-            ranked = rank_cameras(self.curves(court), self.straight_maps, court, self.bend, are_cut_out=are_cut_out)
-            self._ranked[court, are_cut_out] = ranked
-        return self._ranked[court, are_cut_out]
+    def ranked(self, court: Field, *, may_be_cut_out: bool) -> Ranked:
+        """Rank, once, the cameras that explain the long lines and ellipses by how they explain all stripes.
+
+        If none is likely, and the picture `may_be_cut_out` of a larger one, as those of some fields often are,
+        principal points outside the middle are tried too: by the field's stands they are anywhere.
+        """
+        maps, key = self.straight_maps, (court, may_be_cut_out)
+        if key not in self._ranked:
+            found = [*self._clear(court), few_line_hypotheses(self.lines, court, maps.size, 1.0 + self.bend.a)]
+            cameras, score = _ranked(maps, Cameras.joined(found, maps.size), court)
+            if may_be_cut_out and principal_point(court) > CUT_OUT and self.bend.a == 0.0 and np.all(score < SURE):
+                others = [_likeliest(maps, hypotheses(self.lines, court, maps.size, row), court)[0] for row in ROWS]
+                cameras, score = _ranked(maps, Cameras.joined([cameras, *others], maps.size), court)
+            self._ranked[key] = Ranked(cameras, score, self.bend)
+        return self._ranked[key]
+
+    def ranked_with(self, others: Sequence[Ranked], court: Field) -> Ranked:
+        """Rank the cameras for a field, and those that other stripes of the picture proposed.
+
+        The others are first ranked by themselves, so that they do not take the places of these.
+        """
+        maps, own = self.straight_maps, self.ranked(court, may_be_cut_out=False)
+        alike = Cameras.joined([one.cameras for one in others if one.bend == self.bend], maps.size)
+        both = Cameras.joined([own.cameras, _ranked(maps, alike, court)[0]], maps.size)
+        return Ranked(*_ranked(maps, both, court), self.bend)

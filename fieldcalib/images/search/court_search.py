@@ -15,6 +15,7 @@ refined on the picture, with lens                                      refine_co
   |  equal ones merged; evidence of the picture for each               here
   |  in halls again for the stripes on the floor alone, for those of each paint, for darker ones, and for both with the
   |  edges of painted areas, until one camera is sure                floor
+  |  elsewhere, if none is accepted, for those at another size of the picture
   v
 cameras by their probability of being right, each accepted or not
 
@@ -57,7 +58,6 @@ from fieldcalib.images.search.court_ranking import (
     are_apart,
     first_apart,
     grid_of,
-    is_often_cut_out,
     moved_by_steps,
     seen_grids,
 )
@@ -420,7 +420,7 @@ def _searches(task: Task, field: Field, picture: PictureToSearch, *, estimate_si
     """Search until a camera is sure."""
     sized = estimate_size and field.moves_with_size and not field.size_known
     searched = Searched()
-    for views in (_candidates, _candidates_from_above):
+    for views in (_candidates, _candidates_again, _candidates_from_above):
         if any(one.calibration.accepted for one in searched.courts):
             return
         for found in views(task, field, picture, sized=sized):
@@ -434,10 +434,13 @@ def _searches(task: Task, field: Field, picture: PictureToSearch, *, estimate_si
 
 def _candidates(task: Task, field: Field, picture: PictureToSearch, *, sized: bool) -> Iterator[list[_Candidate]]:
     """Yield the candidates from all stripes; in halls then from the floor's, each paint's, darker ones, and edges."""
+    before = list[Ranked]()
 
     def search(stripes: PictureStripes, court: Field = field) -> list[_Candidate]:
-        are_cut_out = court.lines.lighter == field.lines.lighter and is_often_cut_out(field)
-        ranked, own = stripes.ranked(court, are_cut_out=are_cut_out), replace(task, object_segments=court)
+        own, is_own = replace(task, object_segments=court), court.lines.lighter == field.lines.lighter
+        among_all = court.lines.lighter is None  # where what some of them propose is weighed again
+        ranked = stripes.ranked_with(before, court) if among_all else stripes.ranked(court, may_be_cut_out=is_own)
+        before.append(ranked)
         return _of_ranked(own, picture, stripes, ranked, sized=sized, from_above=False)
 
     stripes = picture.stripes(lighter=field.lines.lighter)
@@ -452,6 +455,18 @@ def _candidates(task: Task, field: Field, picture: PictureToSearch, *, sized: bo
         if lighter is not None:
             for paint in stripes.colours.paints(stripes.on_lines)[:PAINTS]:
                 yield search(stripes.take(np.flatnonzero(paint)), court)
+
+
+def _candidates_again(task: Task, field: Field, picture: PictureToSearch, *, sized: bool) -> Iterator[list[_Candidate]]:
+    """Yield the candidates at another size of the picture, where a camera explains some of its lines; not in halls.
+
+    Which lines and arcs are found changes with the size, as with a row of the picture more or less.
+    """
+    seen, lighter = picture.smaller, field.lines.lighter
+    ranked = picture.stripes(lighter=lighter).ranked(field, may_be_cut_out=True)
+    if field.surface not in FLOORS and np.max(ranked.score, initial=0.0) > HOPELESS:
+        stripes = seen.stripes(lighter=lighter)
+        yield _of_ranked(task, seen, stripes, stripes.ranked(field, may_be_cut_out=True), sized=sized, from_above=False)
 
 
 def _candidates_from_above(
@@ -473,7 +488,7 @@ def _of_ranked(
     field, image = task.field, picture.image
     assert field is not None
     if task.side == OPPOSITE:
-        ranked = ranked.turned
+        ranked = replace(ranked, cameras=ranked.cameras.turned(np.ones(len(ranked.score), dtype=bool)))
     rivals = Rivals.of(ranked, field, {})
     started = [
         k
@@ -487,7 +502,8 @@ def _of_ranked(
     ]
     ends = [None if one is None else one.calibration.camera for one in refined]
     rivals = Rivals.of(ranked, field, dict(zip(started, ends, strict=True)))
-    found = with_errors(task, field, image, _merged([one for one in refined if one is not None], field))
+    fitted = with_errors(task, field, image, _merged([one for one in refined if one is not None], field))
+    found = [one for one in fitted if _if_possible(one, field, are_possible)]  # the fit may have moved it elsewhere
     if sized:
         found = [on_field_as_seen(task, image, one.calibration) or one for one in found]
     above = picture.stripes(lighter=True).maps
@@ -551,10 +567,11 @@ def _evidence(stripes: PictureStripes, above: StripeMaps, rivals: Rivals, refine
 
 def _are_alike(candidates: Sequence[_Candidate]) -> BoolArray:
     """Whether any two of N cameras project the field about alike, (N, N)."""
-    cameras = [one.refined.calibration.required_camera.scaled(one.stripes.maps.size) for one in candidates]
+    size = candidates[0].stripes.maps.size if candidates else (0, 0)
+    cameras = [one.refined.calibration.required_camera.scaled(size) for one in candidates]
     grids = [seen_grids(camera, _field_of(one.refined)) for camera, one in zip(cameras, candidates, strict=True)]
     seen = np.array([one[0] for one in grids]).reshape(len(grids), GRID * GRID, 2)
-    alike = [~are_apart(seen, own, one.stripes.maps.size) for own, one in zip(grids, candidates, strict=True)]
+    alike = [~are_apart(seen, own, size) for own in grids]
     return np.array(alike, dtype=bool).reshape(len(grids), len(grids))
 
 
@@ -580,8 +597,7 @@ def _if_possible(refined: Refined, field: Field, are_possible: Callable[[Cameras
 
     This excludes cameras at the height of the ground, which see the whole field in one line and so fit any line.
     """
-    camera = refined.calibration.camera
-    if camera is None or not refined.calibration.accepted:
+    if (camera := refined.calibration.camera) is None or not refined.calibration.accepted:
         return None
     return refined if are_possible(Cameras.of([camera], camera.image_size), field)[0] else None
 

@@ -9,6 +9,7 @@ the most stripes (the plumb-line method of Brown, Close-range camera calibration
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,15 +52,9 @@ class LongLines:
     def __len__(self) -> int:
         return len(self.offset)
 
-    @property
-    def homogeneous(self) -> Array:
-        """Vectors (K, 3) with ``l . (x, y, 1) = 0`` on the line."""
-        return np.column_stack([self.normal, -self.offset])
-
     def seen_from(self, origin: Array, unit: float) -> tuple[Array, Array]:
-        """Convert `homogeneous` and `ends` to coordinates relative to an origin (2,), in a unit given in pixels."""
-        line = self.homogeneous
-        line = np.column_stack([line[:, :2], (line[:, 2] + line[:, :2] @ origin) / unit])
+        """Lines (K, 3), ``l . (x, y, 1) = 0``, and their ends, relative to an origin (2,), in a unit of some pixels."""
+        line = np.column_stack([self.normal, (self.normal @ origin - self.offset) / unit])
         return line, (self.ends - origin) / unit
 
     def holding(self, stripes: Stripes) -> list[BoolArray]:
@@ -237,12 +232,12 @@ class Bend:
         return Camera(K, camera.R, camera.C, camera.image_size, (a1 * unit, a2 * unit**2))
 
 
-def bend_of(stripes: Stripes) -> Bend:
-    """Estimate the distortion of a picture from its stripes; none unless another value explains them clearly better."""
+def bend_of(stripes: Stripes, among: Sequence[float] = BENDS) -> Bend:
+    """Estimate the distortion of a picture from its stripes; none unless one `among` them is clearly better."""
     few = stripes.take(np.arange(0, len(stripes.xy), max(len(stripes.xy) // MOST, 1)))
     none = best = Bend(0.0, stripes.size)
     straight = longest = _length(few)
-    for count, a in enumerate(BENDS):
+    for count, a in enumerate(among):
         if count == FEW_BENDS and longest == straight:
             break
         bend = Bend(a, stripes.size)

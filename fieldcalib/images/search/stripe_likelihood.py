@@ -101,7 +101,8 @@ class StripeMaps:
         score = np.zeros(len(cameras))
         P = cameras.projections.astype(np.float32)
         for begin in range(0, len(P), AT_ONCE):
-            score[begin : begin + AT_ONCE] = self._scores(P[begin : begin + AT_ONCE], points)
+            log, weight = self._looked_up(*projected(P[begin : begin + AT_ONCE], points))
+            score[begin : begin + AT_ONCE] = np.sum(log * weight, axis=1)
         return score
 
     def score(self, camera: Camera, points: MarkingPoints) -> tuple[float, float, float]:
@@ -120,10 +121,6 @@ class StripeMaps:
         x, y = xy.T
         log, weight = self._looked_up(x, y, np.nan_to_num(direction), stretch * points.spacing, seen)
         return float(np.sum(log * weight)), float(np.sum(weight)), float(np.sum(weight * seen))
-
-    def _scores(self, P: Float32, points: MarkingPoints) -> Array:
-        log, weight = self._looked_up(*projected(P, points))
-        return np.asarray(np.sum(log * weight, axis=1), dtype=float)
 
     def logarithms(self, x: Pixels, y: Pixels, direction: Pixels, seen: Pixels) -> Float32:
         """Log likelihood ratios of points that are seen with probabilities `seen`; 0 outside the picture."""

@@ -26,6 +26,7 @@ from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.io.image_files import Image, size_of
 
 WORKING_WIDTH = 1280  # columns; enlarged to this, pictures of 426 columns are searched as well as larger ones
+SMALLER_WIDTH = 1120  # columns for a second look, in which lines and arcs come out a little different
 LEAST_SIDE = 16  # px: least size of the shorter side of very narrow pictures
 SIDES = (3, 6, 11)  # px from the middle of a stripe to the ground on both sides, for narrow and wide stripes
 BLUR = 0.8  # px of the picture, against noise and interlacing
@@ -68,16 +69,16 @@ class Stripes:
         return Stripes(self.xy[index], self.angle[index], self.contrast[index], self.size)
 
 
-def at_working_size(image: Image) -> Image:
-    """Scale a picture to 1280 columns, or to 1280 rows if it is higher than wide."""
+def at_working_size(image: Image, *, smaller: bool = False) -> Image:
+    """Scale a picture to 1280 columns, or to 1280 rows if it is higher than wide; `smaller` for a second look."""
     import cv2
 
-    longer = max(size_of(image))
-    if longer == WORKING_WIDTH:
+    longer, columns = max(size_of(image)), SMALLER_WIDTH if smaller else WORKING_WIDTH
+    if longer == columns:
         return image
-    width, height = (max(round(side * WORKING_WIDTH / longer), LEAST_SIDE) for side in size_of(image))
-    size, smaller = (width, height), longer > WORKING_WIDTH
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA if smaller else cv2.INTER_CUBIC))
+    width, height = (max(round(side * columns / longer), LEAST_SIDE) for side in size_of(image))
+    how = cv2.INTER_AREA if longer > columns else cv2.INTER_CUBIC
+    return np.asarray(cv2.resize(image, (width, height), interpolation=how))
 
 
 def find_stripes(image: Image, *, lighter: bool | None = True) -> Stripes:

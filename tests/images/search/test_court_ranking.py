@@ -2,12 +2,27 @@
 
 import numpy as np
 import pytest
+from pictures import picture
 
+from data_tools.nonsense import nonsense
+from data_tools.rink_points import FIELD as RINK
+from data_tools.rink_points import rink_frames
 from fieldcalib import Camera
 from fieldcalib.fields import tennis
+from fieldcalib.fields.catalogue import field_named
 from fieldcalib.images.search.court_hypotheses import Cameras
-from fieldcalib.images.search.court_ranking import Ranked, Rivals, are_apart, distances, grid_of, seen_grids
+from fieldcalib.images.search.court_ranking import (
+    PictureToSearch,
+    Ranked,
+    Rivals,
+    are_apart,
+    distances,
+    grid_of,
+    seen_grids,
+)
+from fieldcalib.images.search.court_search import find_courts, searches_for
 from fieldcalib.images.search.long_lines import Bend
+from fieldcalib.io.image_files import parse_image
 
 SIZE = (1280, 720)
 FIELD = tennis()
@@ -45,3 +60,27 @@ def test_cameras_that_see_the_field_elsewhere_are_apart():
 )
 def test_those_that_refinement_takes_to_the_camera_or_to_none_are_no_rivals(refined, best):
     assert Rivals.of(RANKED, FIELD, refined).best_score(FOUND) == best
+
+
+def test_stripes_without_proposals_of_their_own_weigh_those_of_others():
+    stripes = PictureToSearch(picture(SEARCHED[0], FIELD)).stripes(lighter=True)
+    two = stripes.take(np.flatnonzero(np.any(stripes.on_lines[:2], axis=0)))  # of one direction: no camera follows
+    assert not len(two.ranked(FIELD, may_be_cut_out=False).cameras)
+    best = two.ranked_with([RANKED], FIELD)
+    assert distances(best.projected(grid_of(FIELD)), FOUND[0], SIZE)[0] < 6.0
+    bent = Ranked(RANKED.cameras, RANKED.score, Bend(0.2, SIZE))  # cameras of the picture without another distortion
+    assert not len(two.ranked_with([bent], FIELD).cameras)
+
+
+def test_a_picture_is_looked_at_again_only_where_lines_are_explained_and_no_camera_is_sure():
+    for image, searches in ((picture(SEARCHED[0], FIELD), 1), (nonsense(0), 2)):  # all stripes, and from above
+        seen = PictureToSearch(image)
+        assert len([*searches_for(seen, FIELD)]) == searches
+        assert not seen.smaller._found
+
+
+def test_a_rink_is_found_by_a_second_look(shared_data):
+    (frame,) = (one for one in rink_frames(shared_data / "hockey-points") if one.path.name == "image1521.jpg")
+    found = find_courts(parse_image(frame.path.read_bytes()), field_named(RINK))[0].calibration
+    assert found.accepted
+    assert frame.is_right(found.required_camera)

@@ -7,9 +7,12 @@ from pictures import picture
 
 from data_tools.score_courts import Truth
 from fieldcalib import Camera
-from fieldcalib.fields import handball
+from fieldcalib.fields import basketball, handball
+from fieldcalib.images.search.court_hypotheses import Cameras, stands
+from fieldcalib.images.search.court_ranking import PictureToSearch
 from fieldcalib.images.search.court_search import find_courts
 from fieldcalib.images.search.floor import floor_of
+from fieldcalib.images.search.long_lines import Bend
 from fieldcalib.images.search.stripes import AllStripes
 
 SIZE = (1280, 720)
@@ -67,3 +70,34 @@ def test_a_court_among_spectators_is_found():
     found = find_courts(image, handball())[0].calibration
     assert found.accepted
     assert Truth(STAND, handball()).distance(found.required_camera) < 3.0
+
+
+@pytest.mark.parametrize("a", [0.0, 0.2])
+def test_a_lens_must_show_on_the_floor(a):
+    stand = Bend(a, SIZE).with_lens(STAND)
+    court, bent = picture(stand, handball()), Bend(0.2, SIZE)
+    column = np.arange(SIZE[0], dtype=float)
+    for row in range(20, 140, 24):  # long seams in the roof, which a lens of 0.2 would have straight
+        seam = bent.bent(np.column_stack([column, np.full(len(column), row)]))
+        cv2.polylines(court, [np.round(seam).astype(np.int32)], False, (250, 250, 250), 5)
+    seen = PictureToSearch(court)
+    assert seen.stripes(lighter=True).bend.a == pytest.approx(0.2)
+    for lighter in (True, False, None):
+        assert seen.stripes(lighter=lighter, on_floor=True).bend.a == pytest.approx(a)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("top", [15, 16])
+def test_a_court_is_found_with_a_row_more_or_less(top, shared_data):
+    image = cv2.imread(str(shared_data / "wild" / "stephanj-bulls_court.png"))
+    found = find_courts(np.ascontiguousarray(image[top:298]), basketball("nba"))[0].calibration
+    assert found.accepted
+    np.testing.assert_allclose(found.required_camera.C, (-0.2, 33.9, -11.0), atol=1.5)
+
+
+@pytest.mark.slow
+def test_no_camera_at_the_height_of_the_ground_is_accepted(shared_data):
+    image = cv2.imread(str(shared_data / "wild" / "tex-bas-03.jpeg"))[:-2, :-5]  # the fit to its lines moves one there
+    found = find_courts(np.ascontiguousarray(image), basketball("nfhs"))
+    assert not any(one.calibration.accepted for one in found)
+    assert all(stands(Cameras.of([one.calibration.camera], image.shape[1::-1]), basketball("nfhs"))[0] for one in found)
