@@ -84,18 +84,16 @@ def verdict(evidence: Evidence, tau: float | None) -> tuple[Status, str, *tuple[
         )
         return Status.DEGENERATE, f"{degeneracy(list(segments.values())) or left_open}{or_another}"
     if evidence.implausible:
-        return (
-            Status.IMPLAUSIBLE,
-            f"the best fit is physically implausible: {'; '.join(evidence.implausible)}{or_another}",
-        )
+        why = "; ".join(evidence.implausible)
+        return Status.IMPLAUSIBLE, f"the best fit is physically implausible: {why}{or_another}"
     complaint = disagreement(evidence.given, {*evidence.suspects, *missed}, evidence.unknowns)
     if complaint:
         return Status.IMPLAUSIBLE, f"{complaint}{or_another}"
     if not evidence.converged:
         return Status.NOT_CONVERGED, "the iterations ended before a minimum"
     if missed:
-        check = f"{off}, check its label" if off else ""
-        return Status.ACCEPTED, f"{len(segments) - len(missed)} of {labelled} agree{check}"
+        fits = f"{len(segments) - len(missed)} of {labelled} agree{off}"
+        return Status.ACCEPTED, fits + ", check its label" * bool(off)
     lens = "; the lens is poorly determined by the labels" if evidence.lens_is_prior else ""
     return Status.ACCEPTED, f"rms {evidence.rms:.2f} px over {labelled}{lens}"
 

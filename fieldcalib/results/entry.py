@@ -186,7 +186,7 @@ def calibrate(
     """
     taken = input_of(source, _cut(start, end, step), clip, image_size, rgb=truth(rgb, "rgb"))
     if isinstance(field, str) and field == AUTO:
-        field = auto_field(pictures_of(taken))
+        field = auto_field(pictures_of(taken), progress=progress)
     task = Task(_field(field), GivenCamera(camera_matrix, dist_coeffs, rvec, tvec), flags, prior=prior)
     part = None if crop_of is None else Crop.parse(crop_of)
     how = How(task, network, side, camera=camera, estimate_size=estimate_size).of_part(part)

@@ -19,6 +19,7 @@ from typing import Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
+from fieldcalib._progress import Progress, solving
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.catalogue import AUTO, COMPARED
 from fieldcalib.geometry.camera import Camera
@@ -361,7 +362,7 @@ class Pictures:
         return FileFrames(self.files, tell=ignored)
 
 
-def auto_field(pictures: Pictures, tell: Callable[[str], object] = ignored) -> str:
+def auto_field(pictures: Pictures, tell: Callable[[str], object] = ignored, progress: Progress = True) -> str:
     """Recognise the field that pictures show; returns its name, and tells which others it was compared with.
 
     Raises
@@ -372,7 +373,8 @@ def auto_field(pictures: Pictures, tell: Callable[[str], object] = ignored) -> s
     step = STEP if pictures.is_clip or pictures.is_video else 1
     frames = islice(pictures.frames(), 0, (MOST - 1) * step + 1, step)
     images = [frame.image for frame in frames if frame.image is not None]
-    found = which_field(images, COMPARED, SegmentationNetwork.load())
+    with solving("recognising the field", progress):
+        found = which_field(images, COMPARED, SegmentationNetwork.load())
     if found.name is None:
         raise ValueError(f'field "{AUTO}": {found.reason}')
     others = sorted(found.scores.keys() - {found.name})
