@@ -159,7 +159,7 @@ def _say(frames: FrameCameras, out: Path, format: str) -> None:
     cameras = with_cameras(frames)
     show(f"{counted(len(cameras), 'camera')} of {counted(len(frames), 'frame')} in {out}")
     if format == "toml" and len(cameras) > 1:
-        say("these are the cameras of one rig: if the pictures are of several moments or fields, choose by --frames")
+        say("the file is of cameras of one rig: if the pictures are of several moments or fields, choose by --frames")
     if format in LOST:
         what, error = LOST[format]
         shifts = [error(camera) for camera in cameras.values()]

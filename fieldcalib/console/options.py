@@ -132,8 +132,9 @@ class Parser(argparse.ArgumentParser):
         said = (hint if name in message else f"; there is no {name}{hint}" for name, hint in hints.items() if hint)
         name, missing = command.prog, message.partition("arguments are required: ")[2].split(", ")
         lacking = [one for one in command._actions if one.option_strings and "/".join(one.option_strings) in missing]
-        meant = "".join(f"\n  {one.option_strings[0]} {one.metavar}: {one.help}" for one in lacking)
-        self.exit(2, f"usage: {name} ..., all of it by {name} --help\n{name}: error: {message}{''.join(said)}{meant}\n")
+        takes = {one: one.metavar or ", ".join(map(str, one.choices or ())) for one in lacking}
+        meant = "".join(f"\n  {one.option_strings[0]} {value}: {one.help}" for one, value in takes.items())
+        self.exit(2, f"usage: {name} ..., all options: {name} --help\n{name}: error: {message}{''.join(said)}{meant}\n")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         try:

@@ -22,6 +22,11 @@ from fieldcalib.io.output_folder import output_folder
 # --- wrong usage ---
 
 
+def test_what_a_missing_option_takes_is_said(capsys):
+    assert run("export", "results") == 2
+    assert "\n  --format opencv, colmap, nerfstudio, " in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("size", ["960", "960x", "960x540x3", "960,540", "axb", "0x540", "960x-540", "960.0x540"])
 def test_wrong_sizes(annotated_folder, tmp_path, capsys, size):
     assert run("calibrate", annotated_folder, "--size", size, "--out", tmp_path) == 2
@@ -151,7 +156,7 @@ def test_missing_arguments(capsys, arguments):
     written = capsys.readouterr().err
     assert "usage: fieldcalib" in written
     usage, error, *explained = written.splitlines()
-    found = re.fullmatch(r"usage: (fieldcalib( calibrate| demo)?) \.\.\., all of it by \1 --help", usage)
+    found = re.fullmatch(r"usage: (fieldcalib( calibrate| demo)?) \.\.\., all options: \1 --help", usage)
     assert error.startswith(f"{found[1]}: error: ")
     assert all(re.fullmatch(r"  --[a-z-]+ [A-Z]+: .+", line) for line in explained)
     assert len(explained) == error.count("--")
