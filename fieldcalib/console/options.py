@@ -132,8 +132,8 @@ class Parser(argparse.ArgumentParser):
         said = (hint if name in message else f"; there is no {name}{hint}" for name, hint in hints.items() if hint)
         name, missing = command.prog, message.partition("arguments are required: ")[2].split(", ")
         lacking = [one for one in command._actions if one.option_strings and "/".join(one.option_strings) in missing]
-        takes = {one: one.metavar or ", ".join(map(str, one.choices or ())) for one in lacking}
-        meant = "".join(f"\n  {one.option_strings[0]} {value}: {one.help}" for one, value in takes.items())
+        takes = [(one.option_strings[0], one.metavar or ", ".join(one.choices or ()), one.help) for one in lacking]
+        meant = "".join(f"\n  {option} {value}: {help}" for option, value, help in takes)
         self.exit(2, f"usage: {name} ..., all options: {name} --help\n{name}: error: {message}{''.join(said)}{meant}\n")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:

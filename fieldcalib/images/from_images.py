@@ -381,8 +381,9 @@ def calibrate_from_images(
 
 def calibrate_pictures(how: How, images: Iterable[Image], executor: Executor | None = None) -> list[Calibration]:
     """Calibrate a camera for each of several checked images (`calibrate_from_images`)."""
-    on, by_shape = how.on_side()
-    how = replace(how, network=as_frames(how.network)).on_side()[1] if how.is_part else by_shape
+    (on, by_shape), as_frame = how.on_side(), replace(how, network=as_frames(how.network))
+    upright = None if as_frame.network is how.network else by_shape.network
+    how = as_frame.on_side()[1] if how.is_part else by_shape
     whole, how = replace(how, part=None), how.on_part()
     task, by_network, without_matrix = how.task, how.network is not None, how.task.given.camera_matrix is None
     if by_network and how.place is not None:
@@ -405,7 +406,7 @@ def calibrate_pictures(how: How, images: Iterable[Image], executor: Executor | N
         (how.refine and task.prior is not None and of_lens_k1, partial(with_fisheye, task=task)),
         (may_be_enlarged, partial(with_enlarged_parts, task=task)),
         (is_open and how.refine and may_be_searched(task), partial(with_second_opinion, how=how)),
-        (may_be_padded, partial(with_narrow_padded, how=how, upright=by_shape.network)),
+        (may_be_padded, partial(with_narrow_padded, how=how, upright=upright)),
         (how.estimate_aspect and is_open and without_matrix, partial(with_aspect_estimated, task=task)),
         (how.estimate_aspect and not by_network and task.prior is not None, partial(with_shape_compared, task=task)),
     )
@@ -616,7 +617,7 @@ def with_fisheye(calibrate: Method, images: Sequence[Image], *, task: Task) -> l
 
 
 def with_narrow_padded(
-    calibrate: Method, images: Sequence[Image], *, how: How, upright: Network | None = None
+    calibrate: Method, images: Sequence[Image], *, how: How, upright: Network | None
 ) -> list[Calibration]:
     """Calibrate pictures; narrow ones whose camera is rejected once more, as the network sees them padded.
 

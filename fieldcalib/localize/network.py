@@ -427,7 +427,7 @@ class Network(Protocol):
 
 def as_frames(network: Network | None) -> Network | None:
     """A network that looks at upright pictures as at frames, at the same input size."""
-    if not isinstance(network, SegmentationNetwork):
+    if not isinstance(network, SegmentationNetwork) or network.description.upright_size is None:
         return network
     return replace(network, description=replace(network.description, upright_size=None))
 

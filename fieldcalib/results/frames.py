@@ -371,8 +371,7 @@ def auto_field(pictures: Pictures, tell: Callable[[str], object] = ignored, prog
         If they show no field, or several fields explain them equally well.
     """
     step = STEP if pictures.is_clip or pictures.is_video else 1
-    frames = islice(pictures.frames(), 0, (MOST - 1) * step + 1, step)
-    images = [frame.image for frame in frames if frame.image is not None]
+    images = [one.image for one in islice(pictures.frames(), 0, (MOST - 1) * step + 1, step) if one.image is not None]
     with solving("recognising the field", progress):
         found = which_field(images, COMPARED, SegmentationNetwork.load())
     if found.name is None:

@@ -107,7 +107,7 @@ def test_a_narrow_part_that_is_looked_at_padded_is_to_be_checked_unless_it_is_su
     assert sure.verdict is Verdict.GOOD
     assert sure.probability() >= SURE_OF_PART
     monkeypatch.setattr(from_images, "SURE_OF_PART", 1.0)
-    (found,) = with_narrow_padded(lambda images: [REJECT], [image], how=declared.on_part())
+    (found,) = with_narrow_padded(lambda images: [REJECT], [image], how=declared.on_part(), upright=None)
     assert found.verdict is Verdict.CHECK
     assert found.has_finding(What.NARROW)
     assert "lie on their paint" in found.reason
