@@ -323,7 +323,7 @@ def are_annotations(path: Path) -> bool:
     """Whether a path is annotations: a file of them, or a folder or zip of them without pictures and videos."""
     if path.is_file() and path.suffix.lower() != ".zip":
         return ANNOTATIONS.recognises(path)
-    return [one for one in (ANNOTATIONS, IMAGES, VIDEOS) if _holds(path, one)] == [ANNOTATIONS]
+    return _holds(path, ANNOTATIONS) and not (_holds(path, IMAGES) or _holds(path, VIDEOS))
 
 
 def _holds(path: Path, form: Format[Any, Any]) -> bool:
