@@ -93,6 +93,9 @@ class Markings:
     def past_ends(self) -> Markings:
         """Continuations of the lines on the ground past both of their ends, where no other marking is.
 
+        None on courts, where lines of other sports go on: fields whose lines may be borders of differently painted
+        areas.
+
         Examples
         --------
         >>> from fieldcalib import soccer
@@ -105,7 +108,7 @@ class Markings:
         steps, count = PAST_END_FROM + PAST_END_STEP * np.arange(PAST_END_STEPS), len(self.labels)
         is_line = self.on_ground & ~self.is_arc[self.member] & (self.painted[self.member] == 1.0)
         first, last = np.diff(self.member, prepend=-1) != 0, np.diff(self.member, append=count) != 0
-        ends = [np.flatnonzero(is_line & is_end) for is_end in (first, last)]
+        ends = [np.flatnonzero(is_line & is_end & np.isfinite(self.look.ground_difference)) for is_end in (first, last)]
         at = np.repeat(np.concatenate(ends), len(steps))
         is_last = np.repeat([False, True], [len(some) * len(steps) for some in ends])
         along = np.where(is_last, 1.0, -1.0)[:, None] * self.along[at]

@@ -123,13 +123,12 @@ class Ridges:
     def past_ends(cls, image: Image, camera: Camera, markings: Markings) -> Ridges:
         """Look for lines at the continuations of the projected lines past their ends, at most 3 px beside them.
 
-        Not near the border of the picture, nor on courts, where lines of other sports go on: fields whose lines may be
-        borders of differently painted areas.
+        Not near the border of the picture.
         """
         unit, middle = pixel_unit(camera.image_size), np.divide(camera.image_size, 2.0)
         profiles = profiles_along(camera, markings.past_ends)
         is_free = np.all(np.abs(profiles.xy - middle) < middle - FROM_BORDER * unit, axis=1)
-        profiles = profiles.take(np.flatnonzero(is_free & np.isfinite(markings.look.ground_difference)))
+        profiles = profiles.take(np.flatnonzero(is_free))
         profiles = replace(profiles, room=np.full(len(profiles), np.inf))  # other markings are not near
         xy = profiles.xy + find_lines(image, profiles, BESIDE)[:, None] * profiles.normal
         return cls(profiles, xy[:, None].astype(np.float32), np.isfinite(xy[:, :1]), profiles.take(np.arange(0)), unit)
