@@ -31,6 +31,7 @@ from fieldcalib.io.results import LINES, SOLVER, TABLE
 from fieldcalib.results.collection import Results
 from fieldcalib.results.entry import read
 from fieldcalib.run_folder.record import has_finding
+from fieldcalib.solve.from_homography import on_level_ground
 
 FORMATS: Mapping[str, Callable[..., dict[str, bytes]]] = {
     "opencv": opencv_files,
@@ -46,6 +47,7 @@ FORMATS: Mapping[str, Callable[..., dict[str, bytes]]] = {
     "rerun": rerun_files,
     "toml": toml_files,
 }
+OF_LEVEL_GROUND = "soccernet", "tvcalib", "gsr"  # formats of programs that take every field to be level
 # What formats cannot hold, and a function that says by how many pixels the image moves without it.
 LOST: Mapping[str, tuple[str, Callable[[Camera], float]]] = {
     "blender": ("Blender's camera has no lens distortion", blender_error),
@@ -97,6 +99,8 @@ def run(options: argparse.Namespace) -> int:
     results = read(options.folder)
     lines = {line["id"]: line for line in results.frames.mains()}
     frames = _frames(results, lines, options)
+    if options.format in OF_LEVEL_GROUND:
+        frames = {id: camera and on_level_ground(camera, results[id].field) for id, camera in frames.items()}
     if "about" in signature(function).parameters:
         keywords["about"] = lines
     if "fields" in signature(function).parameters:

@@ -29,6 +29,7 @@ from fieldcalib._types import Array
 from fieldcalib.assess.advice import Remedy, Tool, advice_from_json, how
 from fieldcalib.assess.findings import Finding, Status, Verdict, What, first_reason
 from fieldcalib.assess.result import Calibration
+from fieldcalib.fields.records import field_from_record
 from fieldcalib.geometry.camera import ANGLE_NAMES, Camera
 from fieldcalib.io.files import (
     BrokenFileError,
@@ -42,6 +43,7 @@ from fieldcalib.io.formats import ANNOTATIONS, CAMERAS, HOMOGRAPHIES, OTHER_ANNO
 from fieldcalib.io.image_files import Image
 from fieldcalib.io.results import BROKEN, FORMAT, OLD_FORMATS, broken_line
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F
+from fieldcalib.solve.from_homography import on_level_ground
 
 ESTIMATED = "estimated"  # value of options: a size or shape is estimated from the images
 JSON_LINES, PARQUET = "jsonl", "parquet"
@@ -368,8 +370,11 @@ def kind_of(line: Mapping[str, Any]) -> tuple[str, str]:
 
 
 def camera_content(line: Mapping[str, Any]) -> bytes:
-    """Content of the file of a camera, from the line of its frame."""
-    return (CAMERAS.write(Camera.from_dict(line)) + "\n").encode()
+    """Content of the file of a camera, from the line of its frame; on raised ground, that of `on_level_ground`."""
+    camera, field = Camera.from_dict(line), line.get("field") or {}
+    if {"builder", "ground"} <= field.keys():  # fields of other builders are whole in solver.jsonl alone
+        camera = on_level_ground(camera, field_from_record(field))
+    return (CAMERAS.write(camera) + "\n").encode()
 
 
 def is_squashed(line: Mapping[str, Any]) -> bool:

@@ -19,6 +19,7 @@ from fieldcalib.assess.ndc import ndc_losses
 from fieldcalib.assess.result import Calibration, with_findings
 from fieldcalib.assess.verdict import disagreement, implausibilities
 from fieldcalib.fields.field import Field, ObjectSegments
+from fieldcalib.fields.ground_homography import ground_in_view
 from fieldcalib.fields.segments import Point
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera, checked_image_size
@@ -210,6 +211,31 @@ def _ground_points(points: Mapping[str, Point]) -> Array:
         if expect(point, Point, "Point((0.0, 0.0, 0.0))").X[2] != 0.0:
             raise ValueError(f"points must lie on the ground, z = 0, got {name!r} at {point.X}: leave it out")
     return np.array([point.X for point in points.values()])
+
+
+def on_level_ground(camera: Camera, field: Field | None) -> Camera:
+    """The camera, with another pose, that sees a level field as nearly as possible as this one sees it on its ground.
+
+    It is for programs that take every field to be level. The distances in pixels are least over the part of the field
+    in view; focal length and lens are kept. A camera of level ground, or of an unknown field, is returned as it is, and
+    so is one with a fisheye lens, which such programs cannot read.
+
+    Examples
+    --------
+    >>> from fieldcalib.fields import Ground
+    >>> camera = Camera.from_angles(0.3, 1.36, 0.0, 1300.0, (0.0, 66.0, -16.0), (960, 540))
+    >>> raised = soccer().with_ground(Ground(crown=0.3))
+    >>> X = raised["Circle right"].sample(2.0)
+    >>> seen = camera.project(raised.terrain.raised(X))
+    >>> level = on_level_ground(camera, raised)
+    >>> [round(float(np.max(np.linalg.norm(one.project(X) - seen, axis=1))), 1) for one in (camera, level)]
+    [5.2, 1.6]
+    """
+    if field is None or field.terrain.is_level or camera.fisheye:
+        return camera
+    xy, X = ground_in_view(camera, field)
+    level = _refined_pose(camera, np.insert(X, 2, 0.0, axis=1), xy) if len(X) > LEAST_POINTS else None
+    return camera if level is None else level
 
 
 def _refined_pose(camera: Camera, X: Array, xy: Array) -> Camera | None:
