@@ -134,6 +134,8 @@ def keypoints(options: argparse.Namespace) -> int:
 def homographies(options: argparse.Namespace) -> int:
     """Score frames with homographies and annotated segments."""
     paths = sorted(options.images.glob("*.png"))
+    if not paths:
+        raise ValueError(f"{options.images}: expected pictures named <id>.png, found none")
     found = list(Calibrator.of(options)(map(read_stretched, paths)))
     truths = [parse_homography((options.annotations / f"{path.stem}.homographyMatrix").read_text()) for path in paths]
     both = zip(found, truths, strict=True)

@@ -47,7 +47,6 @@ FORMATS: Mapping[str, Callable[..., dict[str, bytes]]] = {
     "rerun": rerun_files,
     "toml": toml_files,
 }
-OF_LEVEL_GROUND = "soccernet", "tvcalib", "gsr"  # formats of programs that take every field to be level
 # What formats cannot hold, and a function that says by how many pixels the image moves without it.
 LOST: Mapping[str, tuple[str, Callable[[Camera], float]]] = {
     "blender": ("Blender's camera has no lens distortion", blender_error),
@@ -99,7 +98,7 @@ def run(options: argparse.Namespace) -> int:
     results = read(options.folder)
     lines = {line["id"]: line for line in results.frames.mains()}
     frames = _frames(results, lines, options)
-    if options.format in OF_LEVEL_GROUND:
+    if options.format in ("soccernet", "tvcalib", "gsr"):  # programs that read these take every field to be level
         frames = {id: camera and on_level_ground(camera, results[id].field) for id, camera in frames.items()}
     if "about" in signature(function).parameters:
         keywords["about"] = lines

@@ -19,21 +19,9 @@ from fieldcalib._types import FIELD, Array, expect, listed, number, real_array
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Point
 from fieldcalib.fields.sports.soccer import CIRCLE_RADIUS, soccer
-from fieldcalib.io.pnlcalib import KEYPOINTS, keypoint_field, keypoint_name, keypoints_by_name
+from fieldcalib.io.pnlcalib import KEYPOINTS, NAMES, keypoint_field, keypoint_name, keypoints_by_name
 
-# Points of roboflow/sports, the first one first.
-NAMES = (
-    "TL_PITCH_CORNER L_PENALTY_AREA_TL_CORNER L_GOAL_AREA_TL_CORNER L_GOAL_AREA_BL_CORNER L_PENALTY_AREA_BL_CORNER "
-    "BL_PITCH_CORNER L_GOAL_AREA_TR_CORNER L_GOAL_AREA_BR_CORNER L_PENALTY_MARK L_PENALTY_AREA_TR_CORNER "
-    "TL_16M_LINE_AND_PENALTY_ARC_INTERSECTION BL_16M_LINE_AND_PENALTY_ARC_INTERSECTION L_PENALTY_AREA_BR_CORNER "
-    "T_TOUCH_AND_HALFWAY_LINES_INTERSECTION T_HALFWAY_LINE_AND_CENTER_CIRCLE_INTERSECTION "
-    "B_HALFWAY_LINE_AND_CENTER_CIRCLE_INTERSECTION B_TOUCH_AND_HALFWAY_LINES_INTERSECTION R_PENALTY_AREA_TL_CORNER "
-    "TR_16M_LINE_AND_PENALTY_ARC_INTERSECTION BR_16M_LINE_AND_PENALTY_ARC_INTERSECTION R_PENALTY_AREA_BL_CORNER "
-    "R_PENALTY_MARK R_GOAL_AREA_TL_CORNER R_GOAL_AREA_BL_CORNER TR_PITCH_CORNER R_PENALTY_AREA_TR_CORNER "
-    "R_GOAL_AREA_TR_CORNER R_GOAL_AREA_BR_CORNER R_PENALTY_AREA_BR_CORNER BR_PITCH_CORNER CENTER_CIRCLE_LEFT "
-    "CENTER_CIRCLE_RIGHT"
-)
-ROBOFLOW = tuple(NAMES.split())
+ROBOFLOW = tuple(NAMES["roboflow"])
 MODELS: Mapping[str, tuple[str, ...]] = {
     "roboflow-32": ROBOFLOW,
     "pnlcalib-57": tuple(keypoint_name(id) for id in range(1, KEYPOINTS + 1)),

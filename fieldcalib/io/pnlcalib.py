@@ -16,8 +16,10 @@ optimistic: the weights were chosen on these frames. Chosen on half, they reach 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -40,21 +42,10 @@ COMPUTED = 1.0  # confidence of a point that was not detected
 KEYPOINTS = 57  # number of keypoints that have paint or stand on the field
 WITHOUT_PAINT = 73  # id of the last of the others
 
-# Points that are named like SoccerNet's, by id: the first ones in their order, and three marks.
-FIRST_KEYPOINTS = (
-    "TL_PITCH_CORNER T_TOUCH_AND_HALFWAY_LINES_INTERSECTION TR_PITCH_CORNER L_PENALTY_AREA_TL_CORNER "
-    "L_PENALTY_AREA_TR_CORNER R_PENALTY_AREA_TL_CORNER R_PENALTY_AREA_TR_CORNER L_GOAL_AREA_TL_CORNER "
-    "L_GOAL_AREA_TR_CORNER R_GOAL_AREA_TL_CORNER R_GOAL_AREA_TR_CORNER L_GOAL_TR_POST L_GOAL_BR_POST R_GOAL_BL_POST "
-    "R_GOAL_TL_POST L_GOAL_TL_POST L_GOAL_BL_POST R_GOAL_BR_POST R_GOAL_TR_POST L_GOAL_AREA_BL_CORNER "
-    "L_GOAL_AREA_BR_CORNER R_GOAL_AREA_BL_CORNER R_GOAL_AREA_BR_CORNER L_PENALTY_AREA_BL_CORNER "
-    "L_PENALTY_AREA_BR_CORNER R_PENALTY_AREA_BL_CORNER R_PENALTY_AREA_BR_CORNER BL_PITCH_CORNER "
-    "B_TOUCH_AND_HALFWAY_LINES_INTERSECTION BR_PITCH_CORNER TL_16M_LINE_AND_PENALTY_ARC_INTERSECTION "
-    "T_HALFWAY_LINE_AND_CENTER_CIRCLE_INTERSECTION TR_16M_LINE_AND_PENALTY_ARC_INTERSECTION "
-    "BL_16M_LINE_AND_PENALTY_ARC_INTERSECTION B_HALFWAY_LINE_AND_CENTER_CIRCLE_INTERSECTION "
-    "BR_16M_LINE_AND_PENALTY_ARC_INTERSECTION"
-)
+# Names of the first points of models, in their order: of roboflow/sports, and those of PnLCalib that SoccerNet names.
+NAMES: Mapping[str, Sequence[str]] = json.loads(Path(__file__).with_name("keypoint_names.json").read_text("utf-8"))
 MARKS = {45: "L_PENALTY_MARK", 51: "CENTER_MARK", 57: "R_PENALTY_MARK"}
-NAMED_KEYPOINTS = MappingProxyType(dict(enumerate(FIRST_KEYPOINTS.split(), 1)) | MARKS)
+NAMED_KEYPOINTS = MappingProxyType(dict(enumerate(NAMES["pnlcalib"], 1)) | MARKS)
 
 # Labels of lines by id: those of soccer in alphabetical order.
 LINES = dict(enumerate(sorted(label for label, segment in soccer().items() if segment.is_straight), 1))

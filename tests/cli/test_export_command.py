@@ -5,7 +5,7 @@ import io
 import json
 
 import pytest
-from commands import calibrate, run
+from commands import SIZE, calibrate, run, write_two_annotations
 from other_tools import (
     EXACT,
     MOST,
@@ -23,8 +23,10 @@ from fieldcalib.cli.export import FORMATS, LOST
 from fieldcalib.io.exports.colmap import colmap_files
 from fieldcalib.io.exports.homography import homography_files
 from fieldcalib.io.exports.table import table_files
+from fieldcalib.io.soccernet import parse_camera
 from fieldcalib.io.tvcalib import parse_per_sample_output
 from fieldcalib.results.entry import read
+from fieldcalib.solve.from_homography import on_level_ground
 
 
 @pytest.fixture(scope="module")
@@ -176,3 +178,15 @@ def test_an_id_that_leads_elsewhere_is_no_name_of_a_file(calibrated_folder, tmp_
     folder = rewritten(calibrated_folder, tmp_path / "results", id="../a")
     assert run("export", folder, "--format", "opencv", "--keep-rejected") == 2
     assert "'../a.yml' is no name of a file" in capsys.readouterr().err
+
+
+def test_programs_of_level_fields_get_cameras_on_level_ground(tmp_path):
+    out = tmp_path / "out"
+    options = "--size", "960x540", "--crown", "0.3", "--camera-files"
+    assert run("calibrate", write_two_annotations(tmp_path / "labels"), "--out", out, *options) == 0
+    written = {path.name: path.read_bytes().strip() for path in out.glob("camera_*.json")}
+    assert {name: of.strip() for name, of in exported(out, tmp_path / "files", "soccernet").items()} == written
+    for id, found in read(out).items():
+        file = parse_camera(written[f"camera_{id}.json"], SIZE)
+        assert farthest(file.project, on_level_ground(found.camera, found.field)) < 1e-6
+        assert farthest(file.project, found.camera) > 1.0

@@ -190,6 +190,11 @@ def test_a_network_of_another_field(tmp_path, monkeypatch, capsys):
         assert message in capsys.readouterr().err
 
 
+def test_a_folder_without_pictures_cannot_be_scored(tmp_path, capsys):
+    assert score_images.main(["homographies", str(tmp_path), str(tmp_path)]) == 2
+    assert "expected pictures named <id>.png, found none" in capsys.readouterr().err
+
+
 @pytest.mark.slow
 def test_views_are_scored_by_kind(monkeypatch, capsys):
     monkeypatch.setattr("data_tools.score_images.KINDS", (BROADCAST, OVERHEAD))

@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from objects import SIZE, points_in_view, relative_error, without_focal_length
-from strategies import cameras
+from strategies import cameras, numbers
 
 from fieldcalib import Camera, Status, calibrate_from_homography, soccer
+from fieldcalib.fields import Ground
+from fieldcalib.fields.ground_homography import ground_in_view
 from fieldcalib.geometry.homography import dehomogenize, homogenize
+from fieldcalib.solve.from_homography import on_level_ground
 
 CAMERA = Camera.from_angles(-0.35, 1.36, 0.01, 1500.0, (1.5, 68.0, -17.0), SIZE)
 
@@ -117,3 +120,16 @@ def test_a_homography_without_a_camera_has_a_reason(H):
     assert not found
     assert found.message
     assert found.camera is None or np.isfinite(found.camera.K).all()
+
+
+@given(camera=cameras(), crown=numbers(0.05, 0.5))
+def test_a_camera_on_level_ground_is_nearer_than_that_of_raised_ground(camera, crown):
+    raised = soccer().with_ground(Ground(crown=crown))
+    xy, X = ground_in_view(camera, raised)
+    assume(len(X) > 20)
+    level = on_level_ground(camera, raised)
+    np.testing.assert_array_equal((*level.K.flat, *level.dist.flat), (*camera.K.flat, *camera.dist.flat))
+    off = [np.linalg.norm(one.project(np.insert(X, 2, 0.0, axis=1)) - xy) for one in (camera, level)]
+    assert off[1] < off[0]
+    assert on_level_ground(camera, soccer()) is camera
+    assert on_level_ground(camera, None) is camera

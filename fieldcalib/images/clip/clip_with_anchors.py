@@ -21,7 +21,7 @@ from fieldcalib.images.clip.solved_shots import solve_shots, solve_tripods
 from fieldcalib.images.paint.detected_lines import with_replaced
 from fieldcalib.images.refinement import near_labels
 from fieldcalib.io.image_files import Image
-from fieldcalib.problem.labelled_pixels import NO_PIXELS, PixelTable
+from fieldcalib.problem.labelled_pixels import NO_PIXELS
 from fieldcalib.solve.solver_options import pixel_unit
 
 FAR, SIGMAS = 12.0, 3.0  # px of 960 x 540 plus standard deviations of the projection: labels farther off are wrong
@@ -54,13 +54,10 @@ def solve_around(keyframes: Keyframes, anchors: Anchors, images: Callable[[], It
         Returns the images of the part, from the first one on.
     """
     keyframes = _with_cuts(keyframes, anchors.cuts)
-    held = {t: replace(one, labels=_heavy(one.labels)) for t, one in anchors.labels.items()}
+    weights = {t: WEIGHT * one.labels.weight for t, one in anchors.labels.items()}
+    held = {t: replace(one, labels=replace(one.labels, weight=weights[t])) for t, one in anchors.labels.items()}
     known = _without_contradicted(keyframes, held)
     return finish_clip(_with_lines(find_clip_lines(solve_tripods(solve_shots(known)), images()), held))
-
-
-def _heavy(labels: PixelTable) -> PixelTable:
-    return replace(labels, weight=WEIGHT * labels.weight)
 
 
 def _without_contradicted(keyframes: Keyframes, held: Mapping[int, KeyframeLabels]) -> Keyframes:
