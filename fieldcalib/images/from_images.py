@@ -50,6 +50,7 @@ from fieldcalib.images.shape.shape_of_picture import (
     with_aspect_estimated,
     with_enlarged_parts,
     with_shape_compared,
+    with_small_enlarged,
     within_frame,
     without_borders,
 )
@@ -397,6 +398,7 @@ def calibrate_pictures(how: How, images: Iterable[Image], executor: Executor | N
     steps: tuple[tuple[bool, Step], ...] = (
         (True, partial(said_plainly, object_segments=task.object_segments, by_network=by_network)),
         (how.take_off_borders and without_matrix, without_borders),
+        (not by_network and how.place is None, with_small_enlarged),
         (
             how.part is not None,
             partial(

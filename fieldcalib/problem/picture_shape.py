@@ -301,9 +301,8 @@ class Placement:
         # not cv2.resize, which maps corners of pixels: (0, 0) is the middle of the first one
         M = np.column_stack([np.diag(self.scale), self.corner])
         beyond = cv2.BORDER_REPLICATE if self.crop is None else cv2.BORDER_CONSTANT  # the last half pixel of a picture
-        return np.asarray(
-            cv2.warpAffine(image, M, self.frame_size, flags=cv2.INTER_LINEAR, borderMode=beyond), np.uint8
-        )
+        how = cv2.INTER_CUBIC if np.all(self.scale >= 2.0) else cv2.INTER_LINEAR
+        return np.asarray(cv2.warpAffine(image, M, self.frame_size, flags=how, borderMode=beyond), np.uint8)
 
     def camera_in_picture(self, camera: Camera) -> Camera:
         """The camera of a frame in pixels of the picture."""

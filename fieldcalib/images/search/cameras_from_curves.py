@@ -54,14 +54,10 @@ def few_line_hypotheses(lines: LongLines, field: Field, size: tuple[int, int], w
     The principal point is in the middle; `widened` as in `focal_lengths`. On a field that looks the same when turned by
     180 degrees, each camera also represents the turned one.
     """
-    lengths = focal_lengths(field, widened)
-    on_field = FieldLines.of(field)
-    parts = []
-    for are_across in (True, False):
-        for turn in ways(field):
-            triples = _Triples.of(lines, size, lengths, are_across=are_across, turn=turn)
-            parts.append(triples.cameras(on_field, heights(field)))
-    return plausible(parts, field, size)
+    lengths, on_field = focal_lengths(field, widened), FieldLines.of(field)
+    each = ((are_across, turn) for are_across in (True, False) for turn in ways(field))
+    triples = (_Triples.of(lines, size, lengths, are_across=one, turn=turn) for one, turn in each)
+    return plausible([one.cameras(on_field, heights(field)) for one in triples], field, size)
 
 
 def focal_lengths(field: Field, widened: float = 1.0) -> Array:

@@ -158,9 +158,8 @@ def _is_other(calibration: Calibration, marking: MarkingInView) -> bool:
 
 def refine_courts(task: Task, field: Field, image: Image, cameras: Sequence[Camera]) -> list[Refined]:
     """Refine the cameras that a search proposes on the picture; they may be of any size of it."""
-    at_size = [camera.scaled(size_of(image)) for camera in cameras]
     nothing = Calibration(None, Status.ACCEPTED, str(FOUND), np.nan, np.nan, {}, field=field, _found=(FOUND,))
-    started = [replace(nothing, camera=one) for one in at_size]
+    started = [replace(nothing, camera=camera.scaled(size_of(image))) for camera in cameras]
     return refine_all(task, Markings.of(field), [ToRefine(image, one) for one in started])
 
 
@@ -377,8 +376,8 @@ def search_courts(task: Task, images: Sequence[Image], *, estimate_size: bool = 
         raise ValueError("courts are searched for a Field, whose size is known: without one a network is needed")
     if not task.given.is_empty:
         raise ValueError("of a camera that is searched for nothing may be given: leave it out, or give a network")
-    searches = (_searches(task, field, PictureToSearch(image), estimate_size=estimate_size) for image in images)
-    found = ([*one][-1].courts for one in searches)
+    every = map(PictureToSearch, images)
+    found = ([*_searches(task, field, one, estimate_size=estimate_size)][-1].courts for one in every)
     return [one[0].calibration if one else Calibration.without_camera(*NOTHING) for one in found]
 
 
@@ -408,12 +407,12 @@ class Searched:
 
     @cached_property
     def courts(self) -> list[FoundCourt]:
-        """All candidates judged, accepted and most probable ones first."""
-        courts = [_court(*one) for one in zip(self.candidates, self.probability, strict=True)]
-        # cameras that are alike share a probability, but one of them may lie better on its paint
-        return sorted(
-            courts, key=lambda one: (not one.calibration.accepted, -one.probability, -np.nan_to_num(one.evidence.odds))
-        )
+        """All candidates judged, accepted ones and those with the most evidence first.
+
+        Cameras that are alike share a probability, which says of none of them how well it lies on its paint.
+        """
+        each = map(_court, self.candidates, self.probability)
+        return sorted(each, key=lambda one: (not one.calibration.accepted, -np.nan_to_num(one.evidence.odds)))
 
 
 def _searches(task: Task, field: Field, picture: PictureToSearch, *, estimate_size: bool) -> Iterator[Searched]:
@@ -521,8 +520,7 @@ def _court(candidate: _Candidate, probability: float) -> FoundCourt:
     camera, field = refined.calibration.required_camera, _field_of(refined)
     points, least = MarkingPoints.of(field, POINTS), ALIKE * evidence.score
     moved = tuple(one for one in moved_by_steps(camera, field) if maps.score(one.scaled(maps.size), points)[0] >= least)
-    if moved:
-        assert field.repeats is not None
+    if moved and field.repeats is not None:
         repeats = Finding(What.REPEATS, numbers=(field.repeats,))
         calibration = with_findings(replace(calibration, alternatives=moved), repeats)
     return FoundCourt(calibration, evidence, probability, twin_of(camera, field), moved)

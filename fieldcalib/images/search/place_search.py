@@ -177,16 +177,15 @@ def _best(found: Sequence[Calibration], maps: StripeMaps, field: Field) -> Calib
     best = found[first]
     xy = np.array([camera.project(grid_of(field)) for camera in cameras])
     others = distances(xy, xy[first], maps.size, median=True) > OTHER
-    doubts = []
-    if best.solved is None:
-        doubts.append("its lines do not determine it")
-    if score[first] < LEAST_SCORE:
-        doubts.append("few of the field's lines show where the camera at the known place would see them")
-    if np.max(score[others], initial=0.0) > RIVAL * score[first]:
-        doubts.append("another view from that place explains the picture nearly as well")
-    if doubts:
-        return replace(best, status=Status.IMPROBABLE, message=f"{'; '.join(doubts)}; {best.message}")
-    return with_hidden_markings(best) if score[first] >= SURE_SCORE else best
+    rival, own = np.max(score[others], initial=0.0), score[first]
+    doubts = {
+        "its lines do not determine it": best.solved is None,
+        "few of the field's lines show where the camera at the known place would see them": own < LEAST_SCORE,
+        "another view from that place explains the picture nearly as well": rival > RIVAL * own,
+    }
+    if said := "; ".join(text for text, is_true in doubts.items() if is_true):
+        return replace(best, status=Status.IMPROBABLE, message=f"{said}; {best.message}")
+    return with_hidden_markings(best) if own >= SURE_SCORE else best
 
 
 def views_through(curves: Curves, place: Place, field: Field, size: tuple[int, int]) -> Cameras:

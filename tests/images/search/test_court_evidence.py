@@ -1,6 +1,7 @@
 """Evidence for cameras that were searched for: odds, probabilities, stripes that are no paint."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,9 +12,10 @@ from pictures import picture
 from data_tools.score_courts import fitted
 from fieldcalib import Camera
 from fieldcalib.fields import tennis
+from fieldcalib.images.search import court_search
 from fieldcalib.images.search.court_hypotheses import Cameras
 from fieldcalib.images.search.court_ranking import PictureToSearch, Ranked, Rivals
-from fieldcalib.images.search.court_search import CourtEvidence, explained, is_promising, probabilities
+from fieldcalib.images.search.court_search import CourtEvidence, Searched, explained, is_promising, probabilities
 from fieldcalib.images.search.long_lines import Bend
 
 SIZE = (1280, 720)
@@ -50,6 +52,17 @@ def test_probabilities_of_cameras_that_differ_add_up_to_less_than_one(odds, seed
 def test_worse_evidence_has_smaller_odds(worse):
     assert replace(EVIDENCE, **worse).odds < EVIDENCE.odds
     assert EVIDENCE.odds > 10.0
+
+
+def test_of_cameras_that_share_a_probability_that_with_the_most_evidence_comes_first(monkeypatch):
+    def court(odds, accepted=True):
+        of_search = SimpleNamespace(accepted=accepted)
+        return SimpleNamespace(calibration=of_search, evidence=SimpleNamespace(odds=odds))
+
+    monkeypatch.setattr(court_search, "_court", lambda candidate, probability: candidate)
+    rough, close, refused, undetermined = court(0.14), court(4.08), court(9.0, accepted=False), court(np.nan, False)
+    found = Searched([undetermined, rough, close, refused], [0.0, 0.87, 0.86, 0.86])  # rough is like one camera more
+    assert found.courts == [close, rough, refused, undetermined]
 
 
 def test_furniture_that_is_not_found_is_no_evidence():
