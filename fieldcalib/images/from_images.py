@@ -303,9 +303,9 @@ def calibrate_from_images(
         Blue, green, red; of any sizes. They are taken in parts of `IMAGES_AT_ONCE`.
     network : Network, optional
         Finds the markings, e.g. `SegmentationNetwork.load()`. Without a network the field is searched for in each image
-        (`fieldcalib.images.find_courts`); then nothing of the camera may be given, cameras are always refined, and the
-        aspect is not estimated. With a network the field is searched for in images whose camera is rejected, if nothing
-        of the camera is given and cameras are refined.
+        (`fieldcalib.images.find_courts`); then nothing of the camera may be given, cameras are always refined, the
+        aspect is not estimated, and small images are enlarged. With a network the field is searched for in images whose
+        camera is rejected, if nothing of the camera is given and cameras are refined.
     camera_matrix, dist_coeffs, rvec, tvec, flags, prior
         As in `calibrate_from_segments`, the same for all images; with `camera_matrix` all images must be of one size.
         Values that flags fix are kept by the refinement too, to the last bit.

@@ -17,7 +17,7 @@ refined on the picture, with lens                                      refine_co
   |  edges of painted areas, until one camera is sure                floor
   |  elsewhere, if none is accepted, for those at another size of the picture
   v
-cameras by their probability of being right, each accepted or not
+cameras with their probability of being right, accepted ones and those with the most evidence first
 
 A camera that refinement could not improve is at least fitted to the lines at its markings, so that its errors are known
 (`with_errors`).
