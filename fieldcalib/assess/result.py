@@ -348,7 +348,7 @@ class Calibration:
     def probability(self, metres: float | None = None, *, size_known: bool = False) -> float:
         """Probability that the camera is right: no point of the field in view is off by more than `metres`.
 
-        Positions are relative to the markings in view, see `field_uncertainty`, and up to the side of the field where
+        Positions are relative to the markings in view, see `field_uncertainty`, and to the side of the field where
         that is open: then the camera that is turned by 180 degrees is in `alternatives`. For a single frame the
         probability comes from a model that was fitted to synthetic frames of the field
         (`fieldcalib.assess.probability`) and, if its image was examined, from the share of the markings that show
@@ -516,7 +516,7 @@ class Calibration:
             rows |= dict(zip(CAMERA_TITLES, camera_cells(camera), strict=True))
             rows |= {"image size": "{} x {}".format(*camera.image_size), "rms": f"{self.rms:.2f} px"}
         if self.field is not None and self.has_probability:
-            up_to = ", up to the side" * bool(self.alternatives)
+            up_to = ", if the side is right" * bool(self.alternatives)
             rows[f"right to {self.field.tolerance:g} m"] = f"{self.probability():.2f}{up_to}"
         picture = "" if self.field is None or self.camera is None else self.field.as_svg([self.camera])
         return picture + table(rows)

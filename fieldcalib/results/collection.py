@@ -147,7 +147,7 @@ class Results(Numbered[Calibration]):
     def __repr__(self) -> str:
         count = f"{len(self)} calibration{'s' * (len(self) != 1)}"
         broken = f", {len(self.broken)} broken file{'s' * (len(self.broken) != 1)}" if self.broken else ""
-        side = ", up to the side" if self.is_side_open else ""
+        side = ", main side assumed" if self.is_side_open else ""
         return f"Results({count}: {self._counts()}{broken}{side})"
 
     @cached_property
