@@ -193,11 +193,9 @@ class ResultsWriter:
 
     def say(self, options: Mapping[str, Any]) -> None:
         """Print the number of cameras; on stderr also the frames to look at, and doubts about the options."""
-        of_status = {BROKEN: counted(self.statuses[BROKEN], BROKEN)}
-        statuses = ", ".join(of_status.get(one, f"{count} {one}") for one, count in self.statuses.most_common())
-        verdicts = ", ".join(f"{self.verdicts[verdict]} {verdict}" for verdict in Verdict if self.verdicts[verdict])
-        counts = "; ".join(filter(None, (statuses, verdicts)))
-        show(f"{counted(self.cameras, 'camera')} of {counted(self.done, 'frame')} in {self.out}: {counts}")
+        broken = [counted(self.statuses[BROKEN], BROKEN)] * bool(self.statuses[BROKEN])
+        counts = [f"{self.verdicts[verdict]} {verdict}" for verdict in Verdict if self.verdicts[verdict]] + broken
+        show(f"{counted(self.cameras, 'camera')} of {counted(self.done, 'frame')} in {self.out}: {', '.join(counts)}")
         self._say_what_to_look_at(options)
         self._ask_about_shape(options)
         own = self.cameras if CAMERA_FILE in self.record.writes else 0
