@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from fieldcalib._types import expect, several
 from fieldcalib.assess.findings import TEXTS, Finding, Status, What
+from fieldcalib.fields.field import Field
 
 LOOK = "look at the overlay"
 BY_HAND = "labelled by hand"
@@ -47,6 +48,9 @@ OTHER_SPORT = Remedy(f"if it is another sport, {OTHER_FIELD}", (Advice.OTHER_FIE
 OFF_PAINT = Remedy(
     f"{LOOK}; give the known length and width of the field, or, of grass, how much higher its middle is",
     (Advice.LOOK, Advice.FIELD_SIZE, Advice.GROUND),
+)
+OFF_PAINT_OF_KNOWN_GROUND = Remedy(
+    f"{LOOK}; give the known length and width of the field", (Advice.LOOK, Advice.FIELD_SIZE)
 )
 OFF_PAINT_OF_KNOWN_SIZE = Remedy(f"{LOOK}; markings {BY_HAND}", (Advice.LOOK, Advice.BY_HAND))
 ONE_VIEW = Remedy("cut the view that you want out of the picture")
@@ -85,8 +89,8 @@ HOW: Mapping[Advice, Mapping[Tool, str]] = MappingProxyType(
 """What to do in each tool."""
 
 
-def how(advice: Iterable[Advice], tool: Tool) -> str:
-    """How advice is followed in a tool; empty where nothing is to be said.
+def how(advice: Iterable[Advice], tool: Tool, given: Iterable[str] = ()) -> str:
+    """How advice is followed in a tool; empty where nothing is to be said, or an option for it was `given` already.
 
     Examples
     --------
@@ -97,7 +101,8 @@ def how(advice: Iterable[Advice], tool: Tool) -> str:
     """
     expect(tool, Tool, "Tool.PYTHON")
     asked = [one for one in several(advice, "advice") if isinstance(one, Advice)]
-    return "; ".join(ways[tool] for one, ways in HOW.items() if one in asked)
+    followed = {one for one, options in TEXTS["how unless"].items() if not {*given}.isdisjoint(options)}
+    return "; ".join(ways[tool] for one, ways in HOW.items() if one in asked and one not in followed)
 
 
 def advice_from_json(record: object) -> tuple[Advice, ...]:
@@ -175,23 +180,27 @@ LABEL_QUESTIONS = MappingProxyType({**QUESTIONS, **dict.fromkeys((What.SUSPECTS,
 """Remedies of what is open about an accepted camera of labels that a person set."""
 
 
-def remedy_of(status: Status, findings: Iterable[Finding], *, are_annotated: bool, may_be_resized: bool) -> Remedy:
+def remedy_of(status: Status, findings: Iterable[Finding], field: Field | None, *, are_annotated: bool) -> Remedy:
     """The remedy of a camera with a status and findings.
 
-    It depends on whether a person labelled the picture, and on whether the field may have another size.
+    It depends on what is known of the size and the ground of the field, and on whether a person labelled the picture.
 
     Examples
     --------
     >>> from fieldcalib.assess.findings import CUT
-    >>> remedy_of(Status.ACCEPTED, [CUT], are_annotated=True, may_be_resized=False).text
+    >>> remedy_of(Status.ACCEPTED, [CUT], None, are_annotated=True).text
     'say which part of a frame the picture is, or that nothing is cut off'
     """
     found, accepted = {one.what for one in findings}, status is Status.ACCEPTED
     questions = LABEL_QUESTIONS if are_annotated else QUESTIONS
     of_findings = {**CAUSE_REMEDIES, **(questions if accepted else {})}
     first = next((remedy for what, remedy in of_findings.items() if what in found), NOTHING)
+    if first is OFF_PAINT and (field is None or field.size_known or not field.moves_with_size):
+        return OFF_PAINT_OF_KNOWN_SIZE
+    if first is OFF_PAINT and field is not None and field.ground is not None:
+        return OFF_PAINT_OF_KNOWN_GROUND
     if first is not NOTHING or accepted:
-        return OFF_PAINT_OF_KNOWN_SIZE if first is OFF_PAINT and not may_be_resized else first
+        return first
     sports = {What.MAY_BE_OTHER_SPORT: NOT_SOCCER, What.SEARCHED: OTHER_SPORT}
     remedy = OF_LABELS.get(status, REMEDIES[status]) if are_annotated else REMEDIES[status]
     every = [remedy, *(sport for what, sport in sports.items() if what in found)]

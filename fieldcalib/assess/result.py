@@ -274,8 +274,7 @@ class Calibration:
 
     @property
     def _remedy(self) -> Remedy:
-        may_be_resized = self.field is not None and self.field.moves_with_size and not self.field.size_known
-        found = remedy_of(self.status, self.findings, are_annotated=self.are_annotated, may_be_resized=may_be_resized)
+        found = remedy_of(self.status, self.findings, self.field, are_annotated=self.are_annotated)
         wrong = dict.fromkeys(one.label for one in self.suspect_labels)
         wrong |= dict.fromkeys(
             one.about for one in self.findings if one.what in (What.STRAY, What.MISSED) and one.about

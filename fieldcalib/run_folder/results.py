@@ -21,7 +21,7 @@ from typing import Any
 
 import fieldcalib
 from fieldcalib._progress import counted, say, show
-from fieldcalib.assess.advice import LEFT_OUT
+from fieldcalib.assess.advice import LEFT_OUT, WITHOUT_GIVEN
 from fieldcalib.assess.findings import Verdict, What
 from fieldcalib.io.files import (
     BrokenFileError,
@@ -226,11 +226,11 @@ class ResultsWriter:
             where.append(self.out / WORST)
         elif any((self.out / OVERLAYS.file_name(stretch.first)).exists() for stretch in self.to_look_at.stretches):
             where.append(self.out / OVERLAYS.file_name("<id>"))
-        message = self.to_look_at.message(*map(str, where))
+        message = self.to_look_at.message(*map(str, where), given=self.record.given)
         if message:
             say(message)
-        given = [f"--{name.replace('_', '-')}" for name in GIVEN if options.get(name) is not None]
-        if given and self.verdicts[Verdict.REJECT]:
+        given = [f"--{name.replace('_', '-')}" for name in GIVEN if name in self.record.given]
+        if given and (self.verdicts[Verdict.REJECT] or WITHOUT_GIVEN in self.to_look_at.remedies):
             say(f"{LEFT_OUT}: {', '.join(given)}")
 
 

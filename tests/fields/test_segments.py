@@ -8,7 +8,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from strategies import numbers, pixel_arrays, vectors
 
-from fieldcalib.fields import tennis
+from fieldcalib.fields import padel, tennis
 from fieldcalib.fields.segments import Arc, ArcRows, Line, LineRows, Point, PointCloud
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.problem.labelled_pixels import PixelTable, check_segments, check_weights, split_circles
@@ -86,8 +86,8 @@ def test_an_unknown_label_names_the_nearest_known_one(label, nearest):
 def test_labels_of_another_field_are_said_to_be_of_it():
     with pytest.raises(ValueError, match="; all labels are of the field soccer or soccer-9v9: is it"):
         check_segments(tennis(), {"Circle central": LINE, "Side line right": LINE}, SIZE)
-    with pytest.raises(ValueError, match="unknown label 'Middle line'; did you mean '"):  # many fields have both
-        check_segments(tennis(), {"Middle line": LINE, "Side line bottom": LINE}, SIZE)
+    with pytest.raises(ValueError, match="unknown label 'Side line top'; did you mean '"):  # many fields have both
+        check_segments(padel(), {"Side line top": LINE, "Side line bottom": LINE}, SIZE)
 
 
 def test_what_is_no_mapping_is_refused():
