@@ -176,7 +176,9 @@ QUESTIONS: Mapping[What, Remedy] = MappingProxyType(
     }
 )
 """Remedies of what is open about an accepted camera, the most important first."""
-LABEL_QUESTIONS = MappingProxyType({**QUESTIONS, **dict.fromkeys((What.SUSPECTS, What.MISSED), MENDED_LABELS)})
+LABEL_QUESTIONS = MappingProxyType(
+    {**QUESTIONS, **dict.fromkeys((What.SUSPECTS, What.MISSED, What.OUTSIDE), MENDED_LABELS)}
+)
 """Remedies of what is open about an accepted camera of labels that a person set."""
 
 

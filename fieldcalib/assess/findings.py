@@ -112,6 +112,8 @@ class What(StrEnum):
     """The camera may stand further along the field by some metres."""
     BORDER = "border of labels"
     """The labels end at a column of a picture of some width."""
+    OUTSIDE = "outside the picture"
+    """All pixels of a label lie outside the picture, the nearest by some pixels."""
     STRAY = "stray mark"
     """A mark of a person lies beside the projection of its marking by some pixels."""
     LEFT_HANDED = "left-handed axes"

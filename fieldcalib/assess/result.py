@@ -277,7 +277,7 @@ class Calibration:
         found = remedy_of(self.status, self.findings, self.field, are_annotated=self.are_annotated)
         wrong = dict.fromkeys(one.label for one in self.suspect_labels)
         wrong |= dict.fromkeys(
-            one.about for one in self.findings if one.what in (What.STRAY, What.MISSED) and one.about
+            one.about for one in self.findings if one.what in (What.STRAY, What.MISSED, What.OUTSIDE) and one.about
         )
         if found is MENDED_LABELS and wrong:
             return Remedy(f"correct {', '.join(map(repr, wrong))}, or leave {'it' if len(wrong) == 1 else 'them'} out")
@@ -424,7 +424,8 @@ class Calibration:
             return f"Calibration({self.verdict}, no camera: {shorten(self.message, MOST_LETTERS)})"
         x, y, z = self.camera.C
         f = f"f={self.camera.focal_length:.0f} px, C=({x:.1f}, {y:.1f}, {z:.1f}) m"
-        return f"Calibration({self.verdict}, {f}, rms {self.rms:.2f} px)"
+        rms = "" if np.isnan(self.rms) else f", rms {self.rms:.2f} px"  # of a keyframe's camera in a clip
+        return f"Calibration({self.verdict}, {f}{rms})"
 
     def __iter__(self) -> Iterator[Any]:
         """``rms, K (3, 3), dist (1, 5), rvec (3, 1), tvec (3, 1)``, as `cv2.calibrateCamera` returns them."""
@@ -513,7 +514,10 @@ class Calibration:
         if self.camera is not None:
             camera = self.camera
             rows |= dict(zip(CAMERA_TITLES, camera_cells(camera), strict=True))
-            rows |= {"image size": "{} x {}".format(*camera.image_size), "rms": f"{self.rms:.2f} px"}
+            rows |= {
+                "image size": "{} x {}".format(*camera.image_size),
+                "rms": "unknown" if np.isnan(self.rms) else f"{self.rms:.2f} px",
+            }
         if self.field is not None and self.has_probability:
             up_to = ", if the side is right" * bool(self.alternatives)
             rows[f"right to {self.field.tolerance:g} m"] = f"{self.probability():.2f}{up_to}"
