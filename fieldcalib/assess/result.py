@@ -279,7 +279,7 @@ class Calibration:
         wrong |= dict.fromkeys(
             one.about for one in self.findings if one.what in (What.STRAY, What.MISSED, What.OUTSIDE) and one.about
         )
-        if found is MENDED_LABELS and wrong:
+        if found == MENDED_LABELS and wrong:
             return Remedy(f"correct {', '.join(map(repr, wrong))}, or leave {'it' if len(wrong) == 1 else 'them'} out")
         if found is not NOTHING or not self.accepted:
             return found

@@ -21,7 +21,7 @@ from typing import Any
 
 import fieldcalib
 from fieldcalib._progress import counted, say, show
-from fieldcalib.assess.advice import LEFT_OUT, WITHOUT_GIVEN
+from fieldcalib.assess.advice import WITHOUT_GIVEN
 from fieldcalib.assess.findings import Verdict, What
 from fieldcalib.io.files import (
     BrokenFileError,
@@ -231,7 +231,7 @@ class ResultsWriter:
             say(message)
         given = [f"--{name.replace('_', '-')}" for name in GIVEN if name in self.record.given]
         if given and (self.verdicts[Verdict.REJECT] or WITHOUT_GIVEN in self.to_look_at.remedies):
-            say(f"{LEFT_OUT}: {', '.join(given)}")
+            say(f"{WITHOUT_GIVEN.text}: {', '.join(given)}")
 
 
 @contextmanager
