@@ -535,3 +535,9 @@ def test_a_field_with_more_segments_is_a_field():
 def test_a_name_of_the_field_cannot_be_given_twice(name):
     with pytest.raises(ValueError, match="the field has a segment 'CENTER_MARK' already: give yours another name"):
         FIELD.with_segments({name: Point((1.0, 2.0, 0.0))})
+
+
+def test_angles_of_an_arc_in_degrees_are_refused():
+    with pytest.raises(ValueError, match="got 90 to 270: degrees"):
+        Arc((8.0, 0.0, 0.0), 3.0, 90.0, 270.0)
+    assert Arc((8.0, 0.0, 0.0), 3.0, np.pi / 2, 5 * np.pi / 2).is_whole
