@@ -37,7 +37,9 @@ def check_object(object_segments: ObjectSegments) -> None:
         return
     if not isinstance(object_segments, Mapping):
         came = getattr(object_segments, "__name__", short(object_segments))
-        hint = f"; did you mean {came}()?" if callable(object_segments) else ""
+        is_name = isinstance(object_segments, str) and object_segments in FIELDS
+        call = f"fieldcalib.field({came})" if is_name else f"{came}()"
+        hint = f"; did you mean {call}?" if is_name or callable(object_segments) else ""
         raise ValueError(f"expected a field, as soccer(), or a mapping of names to segments, got {came}{hint}")
     try:
         check_members(object_segments)

@@ -95,6 +95,8 @@ def test_what_is_no_mapping_is_refused():
         check([LINE])
     with pytest.raises(ValueError, match="expected a field, as soccer\\(\\), or a mapping"):
         check_segments(soccer, {"Middle line": LINE}, (960, 540))
+    with pytest.raises(ValueError, match=r"got 'tennis'; did you mean fieldcalib.field\('tennis'\)"):
+        check_segments("tennis", {"Middle line": LINE}, (960, 540))
 
 
 def test_pixels_of_a_larger_image_are_refused():
