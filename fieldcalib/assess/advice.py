@@ -5,21 +5,16 @@ A result is read by people who use different tools: its `remedy` names none of t
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from enum import Enum, StrEnum
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from fieldcalib._types import expect, several
 from fieldcalib.assess.findings import TEXTS, Finding, Status, What
+from fieldcalib.fields.field import Field
 
-LOOK = "look at the overlay"
-BY_HAND = "labelled by hand"
-KNOWN_CAMERA = "what is known of the camera"
-PICTURE = "what the picture is of"
-OTHER_FIELD = "name the field"
-
-LEFT_OUT = "leave out what you gave and may be wrong"
+Kind = TypeVar("Kind", Status, What)
 
 
 class Advice(StrEnum):
@@ -42,33 +37,42 @@ class Remedy(NamedTuple):
     advice: tuple[Advice, ...] = ()
 
 
+def _remedy(said: str | Sequence[str]) -> Remedy:
+    """A remedy by its name in `sentences.json`, or of its text and what it asks for."""
+    text, *advice = TEXTS["remedies"][said] if isinstance(said, str) else said
+    return Remedy(text, tuple(map(Advice, advice)))
+
+
+def _remedies(kind: type[Kind], which: str) -> Mapping[Kind, Remedy]:
+    """A table of `sentences.json`."""
+    return MappingProxyType({kind(one): _remedy(said) for one, said in TEXTS[which].items()})
+
+
 NOTHING = Remedy()
-OTHER_SPORT = Remedy(f"if it is another sport, {OTHER_FIELD}", (Advice.OTHER_FIELD,))
-OFF_PAINT = Remedy(
-    f"{LOOK}; give the known length and width of the field, or, of grass, how much higher its middle is",
-    (Advice.LOOK, Advice.FIELD_SIZE, Advice.GROUND),
-)
-OFF_PAINT_OF_KNOWN_SIZE = Remedy(f"{LOOK}; markings {BY_HAND}", (Advice.LOOK, Advice.BY_HAND))
-ONE_VIEW = Remedy("cut the view that you want out of the picture")
-NOT_WHOLE = Remedy(
-    f"say {PICTURE}: a part of a frame, a whole frame of that shape, or a squashed one", (Advice.PICTURE,)
-)
-WHICH_PART = Remedy("say which part of a frame the picture is, or that nothing is cut off", (Advice.PART,))
-MORE_THAN_GROUND = Remedy(
-    "where heights or the camera itself matter: its known focal length, or a goal in view, or another thing above the "
-    "ground",
-    (Advice.KNOWN_CAMERA,),
-)
-IF_ON_PAINT = Remedy(
-    f"{LOOK}: if the projected markings lie on their paint, use the camera; if not, markings {BY_HAND}",
-    (Advice.LOOK, Advice.BY_HAND),
-)
-MORE_LABELS = Remedy(f"more markings in view, or {KNOWN_CAMERA}", (Advice.KNOWN_CAMERA,))
-RIGHT_SIZE = Remedy("check the length and width of the field", (Advice.FIELD_SIZE,))
-WITHOUT_GIVEN = Remedy(LEFT_OUT, (Advice.KNOWN_CAMERA, Advice.PART))
-MENDED_LABELS = Remedy("correct these labels, or leave them out")
-SMALLER = Remedy(f"if the field is a smaller one, {OTHER_FIELD}", (Advice.OTHER_FIELD,))
-NOT_SOCCER = Remedy(f"if it is not soccer, {OTHER_FIELD}", (Advice.OTHER_FIELD,))
+OTHER_SPORT = _remedy("other sport")
+OFF_PAINT = _remedy("off paint")
+OFF_PAINT_OF_KNOWN_GROUND = _remedy("off paint of known ground")
+OFF_PAINT_OF_KNOWN_SIZE = _remedy("off paint of known size")
+ONE_VIEW = _remedy("one view")
+NOT_WHOLE = _remedy("not whole")
+WHICH_PART = _remedy("which part")
+MORE_THAN_GROUND = _remedy("more than ground")
+IF_ON_PAINT = _remedy("if on paint")
+MORE_LABELS = _remedy("more labels")
+RIGHT_SIZE = _remedy("right size")
+WITHOUT_GIVEN = _remedy("without given")
+MENDED_LABELS = _remedy("mended labels")
+SMALLER = _remedy("smaller")
+NOT_SOCCER = _remedy("not soccer")
+REMEDIES = _remedies(Status, "remedies of statuses")
+OF_LABELS = _remedies(Status, "remedies of statuses of labels")
+"""Remedies of labels that a person set, where these differ."""
+CAUSE_REMEDIES = _remedies(What, "remedies of causes")
+"""Remedies of what was typed wrong, the most certain first."""
+QUESTIONS = _remedies(What, "remedies of questions")
+"""Remedies of what is open about an accepted camera, the most important first."""
+LABEL_QUESTIONS = MappingProxyType({**QUESTIONS, **_remedies(What, "remedies of questions of labels")})
+"""Remedies of what is open about an accepted camera of labels that a person set."""
 
 
 class Tool(Enum):
@@ -85,8 +89,8 @@ HOW: Mapping[Advice, Mapping[Tool, str]] = MappingProxyType(
 """What to do in each tool."""
 
 
-def how(advice: Iterable[Advice], tool: Tool) -> str:
-    """How advice is followed in a tool; empty where nothing is to be said.
+def how(advice: Iterable[Advice], tool: Tool, given: Iterable[str] = ()) -> str:
+    """How advice is followed in a tool; empty where nothing is to be said, or an option for it was `given` already.
 
     Examples
     --------
@@ -97,7 +101,8 @@ def how(advice: Iterable[Advice], tool: Tool) -> str:
     """
     expect(tool, Tool, "Tool.PYTHON")
     asked = [one for one in several(advice, "advice") if isinstance(one, Advice)]
-    return "; ".join(ways[tool] for one, ways in HOW.items() if one in asked)
+    followed = {one for one, options in TEXTS["how unless"].items() if not {*given}.isdisjoint(options)}
+    return "; ".join(ways[tool] for one, ways in HOW.items() if one in asked and one not in followed)
 
 
 def advice_from_json(record: object) -> tuple[Advice, ...]:
@@ -106,92 +111,27 @@ def advice_from_json(record: object) -> tuple[Advice, ...]:
     return tuple(one for one in Advice if one in names)
 
 
-REMEDIES: Mapping[Status, Remedy] = MappingProxyType(
-    {
-        Status.REJECTED: Remedy("check the labels of the segments with the largest errors, or give a larger tau"),
-        Status.IMPROBABLE: Remedy(
-            f"markings {BY_HAND}, or {KNOWN_CAMERA}; if anything was given, {LEFT_OUT}",
-            (Advice.BY_HAND, Advice.KNOWN_CAMERA),
-        ),
-        Status.TOO_FEW_SEGMENTS: Remedy(f"more markings in view, or {BY_HAND}", (Advice.BY_HAND,)),
-        Status.DEGENERATE: Remedy(
-            f"a marking elsewhere in view, or {BY_HAND}, that is not parallel to the others", (Advice.BY_HAND,)
-        ),
-        Status.NOT_CONVERGED: Remedy(f"markings {BY_HAND}", (Advice.BY_HAND,)),
-        Status.IMPLAUSIBLE: Remedy(
-            f"markings {BY_HAND}; check the field and its size; say {PICTURE}, if it was cropped or squashed",
-            (Advice.BY_HAND, Advice.PICTURE),
-        ),
-    }
-)
-OF_LABELS: Mapping[Status, Remedy] = MappingProxyType(
-    {
-        Status.NOT_CONVERGED: Remedy("check the labels; more iterations may help (criteria, in Python)"),
-        Status.IMPLAUSIBLE: Remedy(
-            f"check the labels, the field and its size; say {PICTURE}, if it was cropped or squashed", (Advice.PICTURE,)
-        ),
-    }
-)
-"""Remedies of labels that a person set, where these differ."""
-
-
-CAUSE_REMEDIES: Mapping[What, Remedy] = MappingProxyType(
-    {
-        What.LEFT_HANDED: Remedy("turn that axis of the points over"),
-        What.OTHER_AXES: Remedy("turn these axes of the points over"),
-        **dict.fromkeys(
-            (What.OTHER_PICTURE, What.BORDER), Remedy("give the size of the picture that the pixels are of")
-        ),
-        What.WANTS_LENS: Remedy("let the lens be estimated, or give it", (Advice.KNOWN_CAMERA,)),
-        What.EXCHANGED_SIDES: Remedy("exchange these two in all labels"),
-        What.PICTURE_CORNERS: Remedy("click the corners of the field itself, or other points of it that are in view"),
-        What.RANK: Remedy("compute H from four or more points, of which no three lie on one line"),
-        What.TWO_WIDTHS: Remedy(f"another line or mark, {BY_HAND}", (Advice.BY_HAND,)),
-        What.NOT_LEVEL: Remedy("give that height as the crown of the field", (Advice.GROUND,)),
-        What.UNCHECKED: Remedy("a fifth point, or a known focal length", (Advice.KNOWN_CAMERA,)),
-        What.AT_EDGE: Remedy("leave out points that are not where they are said to be"),
-        What.FARTHEST: Remedy("check the points that are farther off than the others, or leave them out"),
-        What.ONE_OF: Remedy("more points tell which of them is wrong"),
-    }
-)
-"""Remedies of what was typed wrong, the most certain first."""
-QUESTIONS: Mapping[What, Remedy] = MappingProxyType(
-    {
-        **dict.fromkeys((What.OFF_PAINT, What.PAST_END, What.NO_PAINT, What.LITTLE_PAINT), OFF_PAINT),
-        What.SEVERAL_VIEWS: ONE_VIEW,
-        What.WIDE_PAINT: SMALLER,
-        What.SHAPE: NOT_WHOLE,
-        What.NARROW: OFF_PAINT_OF_KNOWN_SIZE,
-        What.STRAY: MENDED_LABELS,
-        What.OTHER_SIZE: RIGHT_SIZE,
-        What.CONTRADICTED: WITHOUT_GIVEN,
-        **dict.fromkeys((What.PART, What.ENLARGED, What.IN_WINDOW), WHICH_PART),
-        What.MORE_LENS: MORE_LABELS,
-        What.GROUND_ONLY: MORE_THAN_GROUND,
-    }
-)
-"""Remedies of what is open about an accepted camera, the most important first."""
-LABEL_QUESTIONS = MappingProxyType({**QUESTIONS, **dict.fromkeys((What.SUSPECTS, What.MISSED), MENDED_LABELS)})
-"""Remedies of what is open about an accepted camera of labels that a person set."""
-
-
-def remedy_of(status: Status, findings: Iterable[Finding], *, are_annotated: bool, may_be_resized: bool) -> Remedy:
+def remedy_of(status: Status, findings: Iterable[Finding], field: Field | None, *, are_annotated: bool) -> Remedy:
     """The remedy of a camera with a status and findings.
 
-    It depends on whether a person labelled the picture, and on whether the field may have another size.
+    It depends on what is known of the size and the ground of the field, and on whether a person labelled the picture.
 
     Examples
     --------
     >>> from fieldcalib.assess.findings import CUT
-    >>> remedy_of(Status.ACCEPTED, [CUT], are_annotated=True, may_be_resized=False).text
+    >>> remedy_of(Status.ACCEPTED, [CUT], None, are_annotated=True).text
     'say which part of a frame the picture is, or that nothing is cut off'
     """
     found, accepted = {one.what for one in findings}, status is Status.ACCEPTED
     questions = LABEL_QUESTIONS if are_annotated else QUESTIONS
     of_findings = {**CAUSE_REMEDIES, **(questions if accepted else {})}
     first = next((remedy for what, remedy in of_findings.items() if what in found), NOTHING)
+    if first == OFF_PAINT and (field is None or field.size_known or not field.moves_with_size):
+        return OFF_PAINT_OF_KNOWN_SIZE
+    if first == OFF_PAINT and field is not None and field.ground is not None:
+        return OFF_PAINT_OF_KNOWN_GROUND
     if first is not NOTHING or accepted:
-        return OFF_PAINT_OF_KNOWN_SIZE if first is OFF_PAINT and not may_be_resized else first
+        return first
     sports = {What.MAY_BE_OTHER_SPORT: NOT_SOCCER, What.SEARCHED: OTHER_SPORT}
     remedy = OF_LABELS.get(status, REMEDIES[status]) if are_annotated else REMEDIES[status]
     every = [remedy, *(sport for what, sport in sports.items() if what in found)]

@@ -20,9 +20,9 @@ from fieldcalib._types import expect, number
 ENDLESS = 1e5  # px: a line near the horizon may be off by any number
 BESIDE = 5.0  # px: nearer pixels lie on the line
 UP_TO_SIDE = (
-    "cameras and probabilities are up to the side of the field: its markings look the same from the opposite side, and "
-    "the main one is taken; the camera turned by 180 degrees about the centre mark is in alternatives, and side or "
-    "prior decide which one it is"
+    "the side of the field is not known, as its markings look the same from both: cameras are on the main side by "
+    "convention, those of the opposite side, turned by 180 degrees about the centre mark, are in alternatives; --side "
+    "(side= in Python) or a prior decides"
 )
 
 TEXTS: Mapping[str, Mapping[str, Any]] = json.loads(Path(__file__).with_name("sentences.json").read_text("utf-8"))
@@ -112,6 +112,8 @@ class What(StrEnum):
     """The camera may stand further along the field by some metres."""
     BORDER = "border of labels"
     """The labels end at a column of a picture of some width."""
+    OUTSIDE = "outside the picture"
+    """All pixels of a label lie outside the picture, the nearest by some pixels."""
     STRAY = "stray mark"
     """A mark of a person lies beside the projection of its marking by some pixels."""
     LEFT_HANDED = "left-handed axes"

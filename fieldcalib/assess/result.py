@@ -274,13 +274,12 @@ class Calibration:
 
     @property
     def _remedy(self) -> Remedy:
-        may_be_resized = self.field is not None and self.field.moves_with_size and not self.field.size_known
-        found = remedy_of(self.status, self.findings, are_annotated=self.are_annotated, may_be_resized=may_be_resized)
+        found = remedy_of(self.status, self.findings, self.field, are_annotated=self.are_annotated)
         wrong = dict.fromkeys(one.label for one in self.suspect_labels)
         wrong |= dict.fromkeys(
-            one.about for one in self.findings if one.what in (What.STRAY, What.MISSED) and one.about
+            one.about for one in self.findings if one.what in (What.STRAY, What.MISSED, What.OUTSIDE) and one.about
         )
-        if found is MENDED_LABELS and wrong:
+        if found == MENDED_LABELS and wrong:
             return Remedy(f"correct {', '.join(map(repr, wrong))}, or leave {'it' if len(wrong) == 1 else 'them'} out")
         if found is not NOTHING or not self.accepted:
             return found
@@ -348,7 +347,7 @@ class Calibration:
     def probability(self, metres: float | None = None, *, size_known: bool = False) -> float:
         """Probability that the camera is right: no point of the field in view is off by more than `metres`.
 
-        Positions are relative to the markings in view, see `field_uncertainty`, and up to the side of the field where
+        Positions are relative to the markings in view, see `field_uncertainty`, and to the side of the field where
         that is open: then the camera that is turned by 180 degrees is in `alternatives`. For a single frame the
         probability comes from a model that was fitted to synthetic frames of the field
         (`fieldcalib.assess.probability`) and, if its image was examined, from the share of the markings that show
@@ -425,7 +424,8 @@ class Calibration:
             return f"Calibration({self.verdict}, no camera: {shorten(self.message, MOST_LETTERS)})"
         x, y, z = self.camera.C
         f = f"f={self.camera.focal_length:.0f} px, C=({x:.1f}, {y:.1f}, {z:.1f}) m"
-        return f"Calibration({self.verdict}, {f}, rms {self.rms:.2f} px)"
+        rms = "" if np.isnan(self.rms) else f", rms {self.rms:.2f} px"  # of a keyframe's camera in a clip
+        return f"Calibration({self.verdict}, {f}{rms})"
 
     def __iter__(self) -> Iterator[Any]:
         """``rms, K (3, 3), dist (1, 5), rvec (3, 1), tvec (3, 1)``, as `cv2.calibrateCamera` returns them."""
@@ -514,9 +514,12 @@ class Calibration:
         if self.camera is not None:
             camera = self.camera
             rows |= dict(zip(CAMERA_TITLES, camera_cells(camera), strict=True))
-            rows |= {"image size": "{} x {}".format(*camera.image_size), "rms": f"{self.rms:.2f} px"}
+            rows |= {
+                "image size": "{} x {}".format(*camera.image_size),
+                "rms": "unknown" if np.isnan(self.rms) else f"{self.rms:.2f} px",
+            }
         if self.field is not None and self.has_probability:
-            up_to = ", up to the side" * bool(self.alternatives)
+            up_to = ", if the side is right" * bool(self.alternatives)
             rows[f"right to {self.field.tolerance:g} m"] = f"{self.probability():.2f}{up_to}"
         picture = "" if self.field is None or self.camera is None else self.field.as_svg([self.camera])
         return picture + table(rows)

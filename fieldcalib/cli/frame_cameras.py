@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Sequence
 from functools import cached_property, lru_cache
 from pathlib import Path
 
+from fieldcalib._progress import say
 from fieldcalib.assess.findings import Status
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.field import Field
@@ -14,6 +16,7 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.files import unescaped
 from fieldcalib.io.results import SOLVER, ResultFile, lines_file
+from fieldcalib.run_folder.record import RunRecord
 
 CACHED = 1024  # calibrations, 20 kB each: a table that is sorted by player has a frame many times
 # Of frames that are drawn one after the other: each that is kept would lie between freed pictures, whose memory is then
@@ -69,6 +72,25 @@ class Cameras:
     def first(self) -> int | None:
         """The least number of a frame."""
         return min(self._by_number, default=None)
+
+    def of_video(self, inputs: Sequence[Path]) -> dict[int, str]:
+        """Ids of the frames of a video by number; says if they are those of another one by its name.
+
+        Raises
+        ------
+        ValueError
+            If it is not one video, or none of its frames has an accepted camera.
+        """
+        if len(inputs) > 1:
+            raise ValueError(f"expected one video, got {len(inputs)} inputs")
+        numbers = {int(id): id for id in self.ids if id.isdecimal()}
+        if numbers.keys().isdisjoint(map(int, filter(str.isdecimal, self.accepted))):
+            raise ValueError(f"expected numbers as the ids of frames in {self.path}: are they of this video?")
+        record = RunRecord.read(self._file.path.parent)
+        sources = [] if record is None else [Path(one).name for one in record.source]
+        if sources and inputs[0].name not in sources:
+            say(f"{self.path} has cameras of {', '.join(sources)}: is {inputs[0]} the same video?")
+        return numbers
 
     def of(self, frame: str, offset: int = 0) -> Calibration | None:
         """The calibration of a frame, by the name that boxes give it; None if it has no camera."""

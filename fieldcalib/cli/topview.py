@@ -108,12 +108,9 @@ class Views:
             self.shown.append(file.id)
 
     def _of_video(self) -> Iterator[tuple[Image, Camera]]:
-        if len(self.input) > 1:
-            raise ValueError(f"expected one video, got {len(self.input)} inputs")
-        numbers = {int(id): id for id in self.cameras.accepted if id.isdecimal()}
-        if not numbers:
-            raise ValueError(f"expected numbers as the ids of frames in {self.cameras.path}: are they of this video?")
-        chosen = [sorted(numbers)[k] for k in spread(len(numbers), self.most)]
+        ids, accepted = self.cameras.of_video(self.input), set(self.cameras.accepted)
+        numbers = [number for number in sorted(ids) if ids[number] in accepted]
+        chosen = [numbers[k] for k in spread(len(numbers), self.most)]
         cut = Cut(Position(frame=chosen[0]), Position(frame=chosen[-1] + 1))
         with (
             VideoReader(self.input[0], cut=cut) as reader,
@@ -122,5 +119,5 @@ class Views:
             for number, image in reader.numbered():
                 progress.update()
                 if number in chosen:
-                    yield image, self.cameras.camera(numbers[number])
-                    self.shown.append(numbers[number])
+                    yield image, self.cameras.camera(ids[number])
+                    self.shown.append(ids[number])

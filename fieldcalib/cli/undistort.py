@@ -69,15 +69,10 @@ def _pictures(inputs: Sequence[Path], cameras: Cameras, out: Path, most_bytes: f
 
 def _video(inputs: Sequence[Path], cameras: Cameras, out: Path) -> tuple[int, int, str]:
     """Write the video; counts the frames with a camera, and the others; and the message about those that are lost."""
-    if len(inputs) > 1:
-        raise ValueError(f"expected one video, got {len(inputs)} inputs")
+    ids, accepted = cameras.of_video(inputs), set(cameras.accepted)
     if out.suffix.lower() != VIDEO:
         raise ValueError(f"{out}: expected a name that ends with {VIDEO}, for the input is a video")
     check_targets([out], inputs)
-    ids = {int(id): id for id in cameras.ids if id.isdecimal()}
-    accepted = set(cameras.accepted)
-    if accepted.isdisjoint(ids.values()):
-        raise ValueError(f"expected numbers as the ids of frames in {cameras.path}: are they of this video?")
     steps = [after - before for before, after in pairwise(sorted(ids))]  # longer ones pass frames without a result
     cut = Cut(Position(frame=min(ids)), Position(frame=max(ids) + 1), min(steps, default=1))
     done = left = 0

@@ -12,7 +12,7 @@ from fieldcalib._types import Array
 from fieldcalib.assess.findings import BESIDE, Finding, Status, What, in_words
 from fieldcalib.assess.label_errors import rms_of_labels
 from fieldcalib.assess.result import Calibration, found_of, with_findings
-from fieldcalib.editor.edit import Marks
+from fieldcalib.editor.edit import Mark, Marks
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import common_lens
@@ -186,6 +186,16 @@ def with_strays(marks: Marks, calibration: Calibration) -> Calibration:
         if is_stray(error, camera.image_size):
             worst[mark.label] = max(error, worst.get(mark.label, 0.0))
     return with_findings(calibration, *(Finding(What.STRAY, label, (error,)) for label, error in worst.items()))
+
+
+def not_followed(field: Field, marks: Marks, calibration: Calibration) -> set[Mark]:
+    """Marks of a network whose whole label an accepted camera does not follow; with them it may become another one."""
+    if not calibration:
+        return set()
+    found, camera = marks.of_field(field), calibration.required_camera
+    (errors,) = mark_errors(field, found, [camera])
+    near = {one.label for one, px in zip(found.all, errors, strict=True) if not is_left_out(px, camera.image_size)}
+    return {one for one in found.all if not one.by_hand and one.label not in near}
 
 
 def mark_errors(field: Field, marks: Marks, cameras: Sequence[Camera]) -> Array:

@@ -34,7 +34,7 @@ from fieldcalib.assess.result import Calibration, in_picture
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.draw.scene import image_curves, image_curves_of
 from fieldcalib.editor.edit import Edit, History, Known, Marks
-from fieldcalib.editor.fitting import fitted
+from fieldcalib.editor.fitting import fitted, not_followed
 from fieldcalib.fields.catalogue import field as field_by_name
 from fieldcalib.fields.field import Field, terrain_of
 from fieldcalib.fields.segments import Segment
@@ -544,6 +544,9 @@ class FrameEditor:
 
     def _then(self, **changes: Any) -> FrameEditor:
         edit = replace(self.history.present, automatic=False, **changes)
+        if self.is_automatic and self.base is not None:  # marks that were left out of its camera stay so
+            stray = not_followed(self.base.field or self.field, self.marks, self.base)
+            edit = replace(edit, marks=Marks(tuple(one for one in edit.marks.all if one not in stray)))
         return replace(self, history=self.history.then(edit), found=None)
 
 

@@ -586,8 +586,14 @@ def terrain_of(object_segments: ObjectSegments | None) -> Terrain | None:
     return None if terrain is None or terrain.is_level else terrain
 
 
+def unlike_turned(field: Field) -> list[str]:
+    """Labels of segments without a counterpart once a field is turned by 180 degrees; unpainted points are not seen."""
+    alone = [label for label in field if label not in field.symmetric]
+    return [label for label in alone if label not in field.points or field.paint_of(label).width]
+
+
 def looks_the_same_turned(field: Field) -> bool:
-    """Whether all segments of a field have a counterpart once it is turned by 180 degrees.
+    """Whether all that is seen of a field has a counterpart once it is turned by 180 degrees.
 
     Examples
     --------
@@ -595,7 +601,7 @@ def looks_the_same_turned(field: Field) -> bool:
     >>> looks_the_same_turned(soccer())
     True
     """
-    return len(field.symmetric) == len(field)
+    return not unlike_turned(field)
 
 
 def is_behind_end(C: ArrayLike, field: Field) -> bool:

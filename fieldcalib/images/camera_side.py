@@ -27,6 +27,7 @@ from fieldcalib.fields.field import (
     side_of_stand,
     turned_camera,
     turned_stand,
+    unlike_turned,
 )
 from fieldcalib.fields.traits import CameraDistribution
 from fieldcalib.geometry.camera import Camera
@@ -99,8 +100,7 @@ class CameraSide:
         field = task.field
         if field is None or not looks_the_same_turned(field):
             if side is not None:
-                alone = [] if field is None else [label for label in field if label not in field.symmetric]
-                why = f", which it does not for {alone[0]!r}" if alone else ""
+                why = "" if field is None else f", which it does not for {unlike_turned(field)[0]!r}"
                 raise ValueError(f"side={side!r} is of a field that looks the same from both sides{why}: leave it out")
             return cls(None, is_said=False)
         told = _told(field, task.given, task.chosen_flags, task.prior)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, BoolArray, IntArray, real_array
+from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.fields.field import Field, ObjectSegments
 from fieldcalib.fields.segments import Segment, check_members
 
@@ -26,6 +27,7 @@ PixelWeights: TypeAlias = dict[str, Array]
 LEAST_SLOPE = 0.05  # flatter lines have no left side in the image: the middle line seen from behind a goal
 MOST_PIXELS = 200  # of a label: more do not make its position surer, since errors of paint and lens are common to all
 LARGEST_WEIGHT = 1e9  # with larger ones rounding leaves nothing of the prior, and solvers end before a minimum
+MOST_FIELDS = 5  # that are named: more of them have labels as "Middle line"
 FARTHEST_PIXEL = 10.0  # image sizes from the centre: farther coordinates are mistakes
 
 
@@ -35,7 +37,9 @@ def check_object(object_segments: ObjectSegments) -> None:
         return
     if not isinstance(object_segments, Mapping):
         came = getattr(object_segments, "__name__", short(object_segments))
-        hint = f"; did you mean {came}()?" if callable(object_segments) else ""
+        is_name = isinstance(object_segments, str) and object_segments in FIELDS
+        call = f"fieldcalib.field({came})" if is_name else f"{came}()"
+        hint = f"; did you mean {call}?" if is_name or callable(object_segments) else ""
         raise ValueError(f"expected a field, as soccer(), or a mapping of names to segments, got {came}{hint}")
     try:
         check_members(object_segments)
@@ -86,7 +90,7 @@ def check_segments(
     check_object(object_segments)
     pixels: Pixels = {}
     for raw_label, values in image_segments.items():
-        label = _known_label(raw_label, object_segments)
+        label = _known_label(raw_label, object_segments, image_segments)
         try:
             xy = real_array(values)
         except ValueError as error:
@@ -223,19 +227,22 @@ def checked_weight(name: str, values: ArrayLike, count: int, *, each: str = "pix
     return np.broadcast_to(weight, count)
 
 
-def _known_label(raw_label: str, object_segments: ObjectSegments) -> str:
+def _known_label(raw_label: str, object_segments: ObjectSegments, labels: Iterable[str] = ()) -> str:
     """The label in the spelling of the object, with or without surrounding blanks."""
     label = raw_label.strip() if isinstance(raw_label, str) else raw_label
     if label in object_segments:
         return label
     if raw_label in object_segments:
         return raw_label
-    raise ValueError(f"unknown label {raw_label!r}; {nearest_label(label, object_segments)}")
+    raise ValueError(f"unknown label {raw_label!r}; {nearest_label(label, object_segments, labels)}")
 
 
-def nearest_label(label: str, object_segments: ObjectSegments) -> str:
-    """Hint for an unknown label: the one with the nearest spelling, or the first ten labels."""
-    known = [str(name) for name in object_segments]
+def nearest_label(label: str, object_segments: ObjectSegments, labels: Iterable[str] = ()) -> str:
+    """Hint for an unknown label: fields with all labels of its frame, the nearest spelling, or the first ten labels."""
+    frame, known = {str(name).strip() for name in labels}, [str(name) for name in object_segments]
+    fields = [name for name, field in FIELDS.items() if len(frame) > 1 and frame <= field().keys()]
+    if 0 < len(fields) <= MOST_FIELDS:
+        return f"all labels are of the field {' or '.join(fields)}: is it that one?"
     close = difflib.get_close_matches(str(label), known, n=1, cutoff=0.5)
     if close:
         return f"did you mean {close[0]!r}?"

@@ -15,6 +15,7 @@ from dataclasses import field as attribute
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast, overload
+from warnings import warn
 
 import numpy as np
 
@@ -41,7 +42,7 @@ from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image, checked_image, html
 from fieldcalib.io.output_folder import check_targets, output_folder
 from fieldcalib.io.results import LINES, SOLVER, TABLE, broken_line
 from fieldcalib.problem.picture_shape import Placement
-from fieldcalib.results.frames import ById, FrameStore, Lazy, LazyList, Numbered, Pictures, number_of
+from fieldcalib.results.frames import NO_PICTURE, ById, FrameStore, Lazy, LazyList, Numbered, Pictures, number_of
 from fieldcalib.run_folder.clip_results import write_clip, write_clip_results
 from fieldcalib.run_folder.frame_source import ClipInput, whole_frame
 from fieldcalib.run_folder.record import CAMERA_FILE, ID, RECORD, Outcome, RunOptions, RunRecord, as_json, is_squashed
@@ -85,7 +86,7 @@ class Results(Numbered[Calibration]):
 
     Examples
     --------
-    >>> import fieldcalib
+    >>> import fieldcalib, numpy as np
     >>> field = fieldcalib.soccer()
     >>> truth = fieldcalib.Camera.from_angles(0.2, 1.35, 0.0, 1400.0, (1.0, 65.0, -16.0), (960, 540))
     >>> labels = ("Side line top", "Side line right", "Big rect. right main", "Big rect. right top")
@@ -93,7 +94,7 @@ class Results(Numbered[Calibration]):
     >>> results = fieldcalib.calibrate({"00001": pixels}, image_size=(960, 540), progress=False)
     >>> results, results.verdicts
     (Results(1 calibration: 1 good), {'00001': <Verdict.GOOD: 'good'>})
-    >>> results.overlay("00001").shape
+    >>> results.overlay("00001", image=np.zeros((540, 960, 3), np.uint8)).shape
     (540, 960, 3)
     """
 
@@ -147,7 +148,7 @@ class Results(Numbered[Calibration]):
     def __repr__(self) -> str:
         count = f"{len(self)} calibration{'s' * (len(self) != 1)}"
         broken = f", {len(self.broken)} broken file{'s' * (len(self.broken) != 1)}" if self.broken else ""
-        side = ", up to the side" if self.is_side_open else ""
+        side = ", main side assumed" if self.is_side_open else ""
         return f"Results({count}: {self._counts()}{broken}{side})"
 
     @cached_property
@@ -243,8 +244,7 @@ class Results(Numbered[Calibration]):
         frame : str or int, optional
             The id of a frame, or its place in the order of the frames; may be left out if there is one only.
         image : (height, width, 3) uint8 array, optional
-            The picture; by default it is read again from the input. If that is impossible, the field is drawn on a
-            plain ground.
+            The picture; by default it is read again from the input.
         show_paint : bool
             Whether markings beside their paint are orange, and those without any grey.
 
@@ -259,8 +259,19 @@ class Results(Numbered[Calibration]):
             If there is no such frame, or it could not be read.
         ValueError
             If no frame is named and there are several, or if the image is not valid.
+
+        Warns
+        -----
+        UserWarning
+            If there is no picture to read, as of labelled pixels: the field is drawn on a plain ground.
         """
         id = self._id(frame)
+        if image is None and not self.pictures.has(id):
+            warn(f"{NO_PICTURE.format(id)}; the field is drawn on a plain ground", stacklevel=2)
+        return self._overlay(id, image, show_paint=show_paint)
+
+    def _overlay(self, id: str, image: Image | None = None, *, show_paint: bool = False) -> Image:
+        """Draw the field over the picture of a frame, or over a plain ground where that cannot be read."""
         found = self[id]
         if image is None:
             image = self.image(id) if self.pictures.has(id) else _plain(found)
@@ -296,7 +307,7 @@ class Results(Numbered[Calibration]):
         ids = list(self)
         ids = [ids[index] for index in worst_frames(LazyList(len(ids), lambda k: self[ids[k]]), WORST)]
         captions = [f"{id}: {self[id].verdict}, {self[id].reason}" for id in ids]
-        return contact_sheet([self.overlay(id) for id in ids], captions, title=self._counts())
+        return contact_sheet([self._overlay(id) for id in ids], captions, title=self._counts())
 
     def homographies(self) -> Mapping[str, FieldHomography]:
         """Homographies from pixels to metres on the ground, by id, of the frames that have a camera.
@@ -433,7 +444,9 @@ class Results(Numbered[Calibration]):
 
     def _html_picture(self) -> str:
         try:
-            return html_picture(self.overlay() if len(self) == 1 and self.video is None else self.plot(), "cameras")
+            return html_picture(
+                self._overlay(*self) if len(self) == 1 and self.video is None else self.plot(), "cameras"
+            )
         except (ValueError, OSError):  # nothing to draw, or pictures that are gone
             return ""
 

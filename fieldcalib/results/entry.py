@@ -69,6 +69,7 @@ from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, Prior
 
 PathLike: TypeAlias = str | os.PathLike[str]
 Labels: TypeAlias = ImageSegments | Annotation
+Labelling: TypeAlias = tuple[Pixels, tuple[int, int]]  # checked pixels, and the size of their picture
 Source: TypeAlias = (
     PathLike | Image | Iterable[Image] | Sequence[PathLike] | Labels | Mapping[str, Labels] | Sequence[Labels]
 )
@@ -486,37 +487,33 @@ class Labelled:
         _check_no_clip(how)
         field = how.task.field
         assert field is not None  # `fieldcalib.calibrate` makes it
-        frames, collected = self._frames(field), Collected()
-        with progress_bar(unit="frame", total=len(frames), progress=progress) as bar:
-            for unit in units_of(frames, unit_size(len(frames))):
-                calibrations: dict[str, Calibration] = {}
+        (ids, frames, broken), collected = self._frames(field), Collected()
+        with progress_bar(unit="frame", total=len(ids), progress=progress) as bar:
+            for unit in units_of(ids, unit_size(len(ids))):
+                found: dict[str, Calibration] = {}
                 losses: dict[str, float] = {}
-                sizes = {id: frame[1] for id in unit if not isinstance(frame := frames[id], str)}
-                for size, ids in grouped(sizes, sizes.__getitem__).items():
-                    pixels = {id: frame[0] for id in ids if not isinstance(frame := frames[id], str)}
-                    found = calibrate_labels(how.task, list(pixels.values()), size, executor=executor)
-                    losses |= paper_losses(field, pixels, found)
-                    calibrations |= zip(ids, found, strict=True)
+                for size, some in grouped([id for id in unit if id in frames], lambda id: frames[id][1]).items():
+                    pixels = {id: frames[id][0] for id in some}
+                    calibrations = calibrate_labels(how.task, list(pixels.values()), size, executor=executor)
+                    losses |= paper_losses(field, pixels, calibrations)
+                    found |= zip(some, calibrations, strict=True)
                 for id in unit:
-                    if id in sizes:
-                        collected.add(id, calibrations[id], **({EQ3: losses[id]} if id in losses else {}))
+                    if id in broken:
+                        collected.add_broken(id, broken[id])
                     else:
-                        collected.add_broken(id, str(frames[id]))
+                        collected.add(id, found[id], **({EQ3: losses[id]} if id in losses else {}))
                 bar.update(len(unit))
-        if collected.ids and len(collected.broken) == len(collected.ids):
-            raise BrokenFileError(f"{self.labels}: {': '.join(next(iter(collected.broken.items())))}")
-        return Results(collected.frames(), command="calibrate")
+        return Results(_readable(collected, {id: f"{self.labels}: {id}" for id in broken}), command="calibrate")
 
-    def _frames(self, field: Field) -> dict[str, tuple[Pixels, tuple[int, int]] | str]:
-        """Pixels of each frame and the size of its picture, or what is wrong with its file."""
+    def _frames(self, field: Field) -> tuple[list[str], Mapping[str, Labelling], Mapping[str, str]]:
+        """Ids of the frames, pixels of each and the size of its picture, and what is wrong with the files of others."""
         if not isinstance(self.labels, Path):
-            return {id: self._frame(id, one, field) for id, one in self.labels.items()}
+            return list(self.labels), {id: self._frame(id, one, field) for id, one in self.labels.items()}, {}
         reader = AnnotationReader(field, self.image_size)
         files = reader.find([self.labels])
-        found, broken = read_each(files, reader.read)
-        return {file.id: found[file.id] if file.id in found else broken[file.id] for file in files}
+        return [file.id for file in files], *read_each(files, reader.read)
 
-    def _frame(self, id: str, labels: Labels, field: Field) -> tuple[Pixels, tuple[int, int]]:
+    def _frame(self, id: str, labels: Labels, field: Field) -> Labelling:
         """Check the pixels of a frame; also returns the size of its picture."""
         pixels, size = (labels.pixels, labels.image_size) if isinstance(labels, Annotation) else (labels, None)
         size = size if self.image_size is None else checked_image_size(self.image_size)
@@ -553,9 +550,7 @@ class OneByOne:
                 bar.update(len(part))
         if not collected.ids:
             raise ValueError(f"{EXPECTED}, got nothing")
-        if len(collected.broken) == len(collected.ids):
-            raise BrokenFileError(_none_is_readable(collected.broken, self.pictures))
-        return Results(collected.frames(), self.pictures)
+        return Results(_readable(collected, {file.id: file.path.name for file in self.pictures.files}), self.pictures)
 
     def _frames(self, part: Crop | None) -> tuple[Iterator[Frame], int | None]:
         """Open the frames; also returns how many there are, None if unknown."""
@@ -578,12 +573,13 @@ def _calibrated(how: How, part: Sequence[Frame]) -> tuple[Sequence[Frame], list[
     return [replace(frame, image=None) for frame in part], calibrations
 
 
-def _none_is_readable(broken: Mapping[str, str], pictures: Pictures) -> str:
-    """Message if none of the files can be read, about the first one."""
-    id, problem = next(iter(broken.items()))
-    names = {file.id: file.path.name for file in pictures.files}
-    others = f"; nor can the other {len(broken) - 1} be read" if len(broken) > 1 else ""
-    return f"{names.get(id, id)}: {problem}{others}"
+def _readable(collected: Collected, names: Mapping[str, str]) -> KeptFrames:
+    """The frames; a BrokenFileError about the first one if there are some, and none can be read."""
+    if collected.ids and len(collected.broken) == len(collected.ids):
+        (id, problem), *others = collected.broken.items()
+        more = f"; nor can the other {len(others)} be read" if others else ""
+        raise BrokenFileError(f"{names.get(id, id)}: {problem}{more}")
+    return collected.frames()
 
 
 @dataclass(frozen=True, eq=False)

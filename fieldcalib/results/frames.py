@@ -34,6 +34,7 @@ from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.run_folder.frame_source import ArrayFrames, FileFrames, FrameSource, VideoFrames, ignored, in_cut
 from fieldcalib.run_folder.record import calibration_line
 
+NO_PICTURE = "it is not known where the picture of frame {} is, or it is gone: give it as image="
 EQ3 = "loss_ndc_eq3"  # key of TVCalib's loss
 MOST_OPEN = 1000  # frames whose calibrations are kept as objects; further ones are packed
 SHOWN, MOST_COMPARED = 3, 2000  # number of ids that errors list, and that are compared with an unknown id
@@ -336,7 +337,7 @@ class Pictures:
             If it cannot be read.
         """
         if not isinstance(id, str) or not self.has(id):
-            raise ValueError(f"it is not known where the picture of frame {id} is, or it is gone: give it as image=")
+            raise ValueError(NO_PICTURE.format(id))
         if len(self.images):
             return checked_image(self.images[int(id)])
         if self.is_video:

@@ -95,7 +95,7 @@ def check_labels(labels: Labels, field: Field) -> None:
 def name_left_out(found: FramesFound, field: Field) -> None:
     """Print on stderr which labels and shapes of other tools are left out, each once."""
     for label, count in found.unknown.items():
-        hint = f"{nearest_label(label, field)}; --labels says what it is called here"
+        hint = f"{nearest_label(label, field, found.unknown)}; --labels says what it is called here"
         say(f"{label!r} in {counted(count, 'frame')} is left out: unknown; {hint}")
     if found.left_out:
         shapes = ", ".join(

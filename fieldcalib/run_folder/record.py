@@ -252,6 +252,11 @@ class RunRecord:
             return "the files of the input have other sizes or times"
         return ""
 
+    @property
+    def given(self) -> set[str]:
+        """Names of the options that were given, without those that only have their default."""
+        return {name for name, value in self.options.items() if value not in (None, False, ESTIMATED)}
+
     def keeps(self, line: Mapping[str, Any]) -> bool:
         """Whether a frame has a camera that counts, by its line of cameras.jsonl.
 
@@ -517,8 +522,8 @@ class ToLookAt:
             helped.append((first, id))
         self._last = id
 
-    def message(self, *where: str) -> str:
-        """Format the list of frames, and where to find all of them; empty if all are good."""
+    def message(self, *where: str, given: Iterable[str] = ()) -> str:
+        """Format the list of frames, and where to find all of them; empty if all are good; options that were given."""
         if not self.count:
             return ""
         head = f"{counted(self.count, 'frame')} to look at (all reasons and remedies: {', '.join(where)}):"
@@ -527,6 +532,6 @@ class ToLookAt:
         for remedy, helped in self.remedies.items():
             each = [first if first == last else f"{first} to {last}" for first, last in helped]
             whom = f" {', '.join(each)}" if len(self.remedies) > 1 else ""
-            said = how(remedy.advice, Tool.COMMAND)
+            said = how(remedy.advice, Tool.COMMAND, given)
             help.append(f"what would help{whom}: {remedy.text}{f'; on the command line: {said}' if said else ''}")
         return "\n  ".join([head, *map(str, self.stretches), *rest, *help])

@@ -21,7 +21,7 @@ from typing import Any
 
 import fieldcalib
 from fieldcalib._progress import counted, say, show
-from fieldcalib.assess.advice import LEFT_OUT
+from fieldcalib.assess.advice import WITHOUT_GIVEN
 from fieldcalib.assess.findings import Verdict, What
 from fieldcalib.io.files import (
     BrokenFileError,
@@ -193,11 +193,9 @@ class ResultsWriter:
 
     def say(self, options: Mapping[str, Any]) -> None:
         """Print the number of cameras; on stderr also the frames to look at, and doubts about the options."""
-        of_status = {BROKEN: counted(self.statuses[BROKEN], BROKEN)}
-        statuses = ", ".join(of_status.get(one, f"{count} {one}") for one, count in self.statuses.most_common())
-        verdicts = ", ".join(f"{self.verdicts[verdict]} {verdict}" for verdict in Verdict if self.verdicts[verdict])
-        counts = "; ".join(filter(None, (statuses, verdicts)))
-        show(f"{counted(self.cameras, 'camera')} of {counted(self.done, 'frame')} in {self.out}: {counts}")
+        broken = [counted(self.statuses[BROKEN], BROKEN)] * bool(self.statuses[BROKEN])
+        counts = [f"{self.verdicts[verdict]} {verdict}" for verdict in Verdict if self.verdicts[verdict]] + broken
+        show(f"{counted(self.cameras, 'camera')} of {counted(self.done, 'frame')} in {self.out}: {', '.join(counts)}")
         self._say_what_to_look_at(options)
         self._ask_about_shape(options)
         own = self.cameras if CAMERA_FILE in self.record.writes else 0
@@ -228,12 +226,12 @@ class ResultsWriter:
             where.append(self.out / WORST)
         elif any((self.out / OVERLAYS.file_name(stretch.first)).exists() for stretch in self.to_look_at.stretches):
             where.append(self.out / OVERLAYS.file_name("<id>"))
-        message = self.to_look_at.message(*map(str, where))
+        message = self.to_look_at.message(*map(str, where), given=self.record.given)
         if message:
             say(message)
-        given = [f"--{name.replace('_', '-')}" for name in GIVEN if options.get(name) is not None]
-        if given and self.verdicts[Verdict.REJECT]:
-            say(f"{LEFT_OUT}: {', '.join(given)}")
+        given = [f"--{name.replace('_', '-')}" for name in GIVEN if name in self.record.given]
+        if given and (self.verdicts[Verdict.REJECT] or WITHOUT_GIVEN in self.to_look_at.remedies):
+            say(f"{WITHOUT_GIVEN.text}: {', '.join(given)}")
 
 
 @contextmanager

@@ -15,7 +15,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.verdict import implausibilities
-from fieldcalib.fields.field import OPPOSITE, Field, looks_the_same_turned, side_of, side_of_stand
+from fieldcalib.fields.field import OPPOSITE, Field, side_of, side_of_stand
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
 from fieldcalib.problem.layout import ANGLES, CENTER, PAN, POSE_AND_ZOOM, GaussianPrior, Layout, Role, turned_around
 from fieldcalib.problem.levenberg_marquardt import FAR, levenberg_marquardt
@@ -70,7 +70,7 @@ def is_against_convention(C: Array, options: Options) -> bool:
     if field is None or options.task.side is not None or is_told or side_of(C, field) != OPPOSITE:
         return False
     sides = {side_of_stand(stand, field) for stand in options.distributions}
-    return len(sides) > 1 and looks_the_same_turned(field)
+    return len(sides) > 1 and len(field.symmetric) == len(field)
 
 
 def repeats(labels: Iterable[str], options: Options) -> bool:

@@ -24,6 +24,7 @@ Send: TypeAlias = Callable[[Message], Awaitable[None]]
 Application: TypeAlias = Callable[[Message, Receive, Send], Awaitable[None]]
 
 MOST_BYTES = 1_000_000  # largest body of a request
+TAKES_PICTURES, MOST_OF_PICTURE = "/api/v1/calibrate", 64_000_000  # address that takes a larger body, and how large
 LONGEST_PATH = 300  # characters
 HTTP = 80  # the default port, which addresses leave out
 POLICY = (
@@ -122,7 +123,7 @@ class Guard:
         task = asyncio.current_task()
         self._answering.add(task)
         try:
-            await self._application(inner, _Body(receive), _with_headers(send))
+            await self._application(inner, _Body(receive, _most_bytes(scope)), _with_headers(send))
         except asyncio.CancelledError:
             if not self._is_ended:
                 raise
@@ -151,22 +152,26 @@ class Guard:
         if scope["method"] not in ("GET", "POST"):
             return 405, f"expected GET or POST, got {scope['method'][:20]}"
         if scope["method"] == "POST":
-            return self._refused_post(headers)
+            return self._refused_post(headers, _most_bytes(scope))
         if origin is not None and not _is_own(origin, host):
             return 403, "requests from pages of other sites are not answered"
         return None
 
     @staticmethod
-    def _refused_post(headers: dict[bytes, bytes]) -> tuple[int, str] | None:
+    def _refused_post(headers: dict[bytes, bytes], most: int) -> tuple[int, str] | None:
         host = headers[b"host"].decode("latin-1").lower()
         if not _is_own(headers.get(b"origin", b""), host):
             return 403, "requests from pages of other sites are not answered: give the header Origin of this page"
-        if headers.get(b"content-type", b"").split(b";")[0].strip().lower() != b"application/json":
-            return 415, "expected a body of application/json"
+        if not headers.get(b"content-type", b"").lower().startswith((b"application/json", b"image/")):
+            return 415, "expected the header Content-Type, application/json or that of a picture, as image/jpeg"
         length = headers.get(b"content-length", b"0")
-        if not length.isdigit() or int(length[:20]) > MOST_BYTES:
-            return 413, f"expected a body of at most {MOST_BYTES} bytes"
+        if not length.isdigit() or int(length[:20]) > most:
+            return 413, f"expected a body of at most {most} bytes"
         return None
+
+
+def _most_bytes(scope: Message) -> int:
+    return MOST_OF_PICTURE if scope["path"].endswith(TAKES_PICTURES) else MOST_BYTES
 
 
 def _is_own(origin: bytes, host: str) -> bool:
@@ -180,15 +185,15 @@ class TooLargeError(ValueError):
 class _Body:
     """Receives the body of a request up to the largest size."""
 
-    def __init__(self, receive: Receive) -> None:
-        self._receive = receive
+    def __init__(self, receive: Receive, most: int) -> None:
+        self._receive, self._most = receive, most
         self._count = 0
 
     async def __call__(self) -> Message:
         message = await self._receive()
         self._count += len(message.get("body", b""))
-        if self._count > MOST_BYTES:
-            raise TooLargeError(f"expected a body of at most {MOST_BYTES} bytes")
+        if self._count > self._most:
+            raise TooLargeError(f"expected a body of at most {self._most} bytes")
         return message
 
 

@@ -177,6 +177,8 @@ class Commands:
     """Folder of the results, as it is typed."""
     source: str = "INPUT"
     """Pictures or the video, as typed."""
+    given: Collection[str] = ()
+    """Options that were given, which are not advised again."""
 
     @classmethod
     def of(cls, results: Results) -> Commands:
@@ -184,15 +186,17 @@ class Commands:
         if results.folder is None:
             return cls()
         record = RunRecord.read(Path(results.folder))
-        paths = () if record is None else record.source
-        return cls(shlex.quote(str(results.folder)), shlex.join(paths) or cls.source)
+        folder = shlex.quote(str(results.folder))
+        return cls(folder) if record is None else cls(folder, shlex.join(record.source) or cls.source, record.given)
 
     def how(self, remedy: Remedy) -> str:
         """Command to type for a remedy, and what to do on the page."""
         if remedy is UNREADABLE:
             return f"put the file in its place, then {self._run}"
         said = f"fieldcalib open {self.folder} (choose this frame, a marking on the map, and click along it; then Save)"
-        known = how([one for one in remedy.advice if one not in (Advice.LOOK, Advice.BY_HAND)], Tool.COMMAND)
+        known = how(
+            [one for one in remedy.advice if one not in (Advice.LOOK, Advice.BY_HAND)], Tool.COMMAND, self.given
+        )
         return f"{said}; or {self._run} with {known}" if known else said
 
     @property

@@ -29,6 +29,7 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.run import add_arguments
 from fieldcalib.images.clip.from_video import calibrate_video
 from fieldcalib.images.from_images import calibrate_from_images
+from fieldcalib.run_folder.record import ToLookAt
 
 SIZES = [in_words(np.diag(one), np.array([2.5, 2.8])) for one in ([0.5, 0.5], [0.5, 0.0], [0.0, -0.5])]
 ALL = [one for one in vars(advice).values() if isinstance(one, Remedy) and one != NOTHING]
@@ -51,6 +52,18 @@ def test_each_tool_says_how(tool):
         assert any(one in remedy.advice for remedy in ALL)
         assert HOW[one][tool]
     assert ("--" in how([Advice.FIELD_SIZE], tool)) == (tool is Tool.COMMAND)
+
+
+def test_an_option_that_was_given_is_not_advised():
+    every = {*how(Advice, Tool.COMMAND).split("; ")}
+    assert every - {*how(Advice, Tool.COMMAND, ["show_paint", "crown"]).split("; ")} == {
+        HOW[one][Tool.COMMAND] for one in (Advice.LOOK, Advice.GROUND)
+    }
+    assert how([Advice.PICTURE, Advice.PART], Tool.COMMAND, ["crop_of"]) == ""
+    seen = ToLookAt()
+    remedy = {"remedy": "more", "advice": [str(Advice.LOOK)]}
+    seen.add({"id": "a", "status": "accepted", "verdict": "check", "reason": "why", **remedy})
+    assert ["run --show-paint" in seen.message("here", given=given) for given in ((), ["show_paint"])] == [True, False]
 
 
 def test_the_command_line_has_the_options_that_are_named():

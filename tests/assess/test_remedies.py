@@ -385,6 +385,17 @@ def test_the_known_size_of_the_field(size):
     assert after.verdict == Verdict.GOOD
 
 
+@follows(advice.OFF_PAINT_OF_KNOWN_GROUND)
+def test_the_known_size_of_a_field_whose_ground_is_known():
+    """The height of its middle, which is given, is not asked for again."""
+    low = Ground(crown=0.1)
+    image = picture(LEFT, soccer(98.0, 62.0).with_ground(low))
+    (before,) = calibrate_from_images(PITCH.with_ground(low), [image], NETWORK, estimate_size=False)
+    assert before.remedy == advice.OFF_PAINT_OF_KNOWN_GROUND.text
+    (after,) = calibrate_from_images(soccer(98.0, 62.0, size_known=True).with_ground(low), [image], NETWORK)
+    assert after.verdict == Verdict.GOOD
+
+
 @follows(CAUSE_REMEDIES[What.NOT_LEVEL])
 def test_the_height_of_the_middle_of_a_field():
     labels = frame_of(WIDE, field=crowned(PITCH, 0.4, roof=True))

@@ -435,3 +435,18 @@ def test_a_camera_of_what_is_shown_sees_the_same_in_the_whole_picture():
     X = FIELD["Middle line"].sample(3.0)
     np.testing.assert_allclose(moved.camera.project(X), found.camera.project(X) + (0.0, 90.0))
     assert moved.camera.image_size == (960, 720)
+
+
+def test_a_label_outside_the_picture_is_told_but_not_a_line_that_is_continued_past_it():
+    """Shifted by a part of the picture, labels fit the camera that is tilted: what was not seen there tells."""
+    frame = frame_of(CAMERA)
+    on = calibrate_from_segments(FIELD, frame, SIZE)
+    along = frame["Side line top"][[0, -1]]
+    longer = {**frame, "Side line top": along + np.array([[-0.3], [0.3]]) * (along[1] - along[0])}
+    assert [one.verdict for one in (on, calibrate_from_segments(FIELD, longer, SIZE))] == ["good", "good"]
+    shifted = calibrate_from_segments(FIELD, {label: xy + (0.0, 180.0) for label, xy in frame.items()}, SIZE)
+    below = {label for label, xy in frame.items() if np.min(xy[:, 1]) + 180.0 > SIZE[1] * 1.04}
+    assert below
+    assert {one.about for one in shifted.findings if one.what is What.OUTSIDE} == below
+    assert (shifted.verdict, shifted.advice) == ("check", ())
+    assert all(repr(label) in shifted.remedy for label in below)

@@ -128,7 +128,7 @@ def test_off_a_terminal_only_one_line_is_printed(annotated_folder, tmp_path, cap
     printed = capsys.readouterr()
     assert printed.err == ""
     (line,) = lines_of(tmp_path)
-    assert printed.out == f"1 camera of 1 frame in {tmp_path}: 1 accepted; 1 {line['verdict']}\n"
+    assert printed.out == f"1 camera of 1 frame in {tmp_path}: 1 {line['verdict']}\n"
 
 
 def test_the_same_again_gives_the_same_files(annotated_folder, calibrated_folder, tmp_path):

@@ -212,7 +212,7 @@ def test_a_folder_of_images(know, tmp_path, capsys):
     assert run("run", folder, "--camera-files", "--out", out) == 1
     output = capsys.readouterr()
     assert "c.jpg: is cut off: the end of the JPEG is missing" in output.err
-    assert output.out.startswith("2 cameras of 4 frames")
+    assert output.out == f"2 cameras of 4 frames in {out}: 2 good, 1 reject, 1 broken file\n"
     lines = lines_of(out)
     assert [line["id"] for line in lines] == ["a", "b", "c", "d"]
     assert [line["status"] for line in lines] == ["accepted", "too few segments", "broken file", "accepted"]

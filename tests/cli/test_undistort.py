@@ -11,6 +11,7 @@ from fieldcalib import Calibration, Camera, Status, soccer
 from fieldcalib.cli.main import main
 from fieldcalib.draw import render_field
 from fieldcalib.io.videos import VideoReader, VideoWriter
+from fieldcalib.run_folder.record import RunRecord
 
 FIELD = soccer()
 SIZE = (640, 360)
@@ -108,6 +109,20 @@ def test_a_video_keeps_its_frames(tmp_path, capsys):
     assert difference(frames[0], rendered(PINHOLE)) < difference(frames[2], rendered(PINHOLE))
     assert main([*command, str(tmp_path / "clip.mp4")]) == 2
     assert main([*command, str(tmp_path / "flat")]) == 2
+
+
+@pytest.mark.parametrize("command", ["undistort", "topview"])
+def test_cameras_of_another_video_are_told_of(tmp_path, capsys, command):
+    with VideoWriter(tmp_path / "other.mp4", 25.0) as video:
+        for _ in range(2):
+            video.write(rendered(BENT))
+    out = results(tmp_path / "out", {"000000": BENT, "000001": BENT})
+    for name in ("other", "clip"):
+        RunRecord("run", {}, 1, "", "", 1, None, (), source=[f"/somewhere/{name}.mp4"]).write(tmp_path / "out")
+        to = tmp_path / (f"{name}.png" if command == "topview" else f"flat_{name}.mp4")
+        assert main([command, str(tmp_path / "other.mp4"), "--cameras", out, "--out", str(to)]) == 0
+        said = capsys.readouterr().err
+        assert (f"{out} has cameras of clip.mp4: is {tmp_path / 'other.mp4'} the same" in said) == (name == "clip")
 
 
 def test_a_damaged_frame_of_a_video_is_left_out(tmp_path, capsys):

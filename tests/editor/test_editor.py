@@ -14,7 +14,7 @@ from fieldcalib.assess.advice import NoCameraError
 from fieldcalib.assess.findings import Status
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.scene import render_field
-from fieldcalib.editor.edit import History, Known, Marks
+from fieldcalib.editor.edit import Edit, History, Known, Marks
 from fieldcalib.editor.frame import GRID, REACH, FrameEditor, click_errors, likely_labels, next_mark, snapped
 
 FIELD, SIZE = soccer(), (960, 540)
@@ -305,3 +305,20 @@ def test_clicks_that_are_no_pixels(xy):
         ValueError, match=r"expected a pixel \(x, y\), or several of shape \(N, 2\), finite numbers, got "
     ):
         frame.mark("Middle line", xy)
+
+
+def test_labels_of_a_network_that_its_camera_does_not_follow_have_no_part_in_what_a_person_goes_on_with(image):
+    """One right mark of a person had made another camera of them: after it 15 of 107 good pictures were "check"."""
+    false = {"Side line bottom": np.array([(100.0, 300.0), (900.0, 280.0)])}
+    base = calibrate_from_segments(FIELD, ends_of(), SIZE)
+    network = Marks.of({**ends_of(), **false}, by_hand=False)
+    frame = FrameEditor(image, FIELD, History(Edit(network, automatic=True)), base)
+    mark = on_marking("Small rect. left main")[[0]]
+    for changed in (frame.mark("Small rect. left main", mark), frame.know(lens="none"), frame.remove([0])):
+        assert {one.label for one in changed.marks.all if not one.by_hand} == set(LABELS)
+        assert changed.undo().marks == network
+    assert "Side line bottom" in frame.mark("Side line bottom", (500.0, 530.0)).marks.pixels  # a person's own
+    others = {label: xy + 1.0 for label, xy in false.items()}
+    assert "Side line bottom" in frame.with_marks(Marks.of(others, by_hand=False)).marks.pixels  # given instead
+    found = frame.mark("Small rect. left main", mark).calibration
+    np.testing.assert_allclose(found.camera.project([(-30.0, 0.0, 0.0)]), TRUTH.project([(-30.0, 0.0, 0.0)]), atol=1.5)

@@ -8,6 +8,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from strategies import numbers, pixel_arrays, vectors
 
+from fieldcalib.fields import padel, tennis
 from fieldcalib.fields.segments import Arc, ArcRows, Line, LineRows, Point, PointCloud
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.problem.labelled_pixels import PixelTable, check_segments, check_weights, split_circles
@@ -82,11 +83,20 @@ def test_an_unknown_label_names_the_nearest_known_one(label, nearest):
         check({label: LINE})
 
 
+def test_labels_of_another_field_are_said_to_be_of_it():
+    with pytest.raises(ValueError, match="; all labels are of the field soccer or soccer-9v9: is it"):
+        check_segments(tennis(), {"Circle central": LINE, "Side line right": LINE}, SIZE)
+    with pytest.raises(ValueError, match="unknown label 'Side line top'; did you mean '"):  # many fields have both
+        check_segments(padel(), {"Side line top": LINE, "Side line bottom": LINE}, SIZE)
+
+
 def test_what_is_no_mapping_is_refused():
     with pytest.raises(ValueError, match="expected a mapping of labels to \\(N, 2\\) pixels, got list"):
         check([LINE])
     with pytest.raises(ValueError, match="expected a field, as soccer\\(\\), or a mapping"):
         check_segments(soccer, {"Middle line": LINE}, (960, 540))
+    with pytest.raises(ValueError, match=r"got 'tennis'; did you mean fieldcalib.field\('tennis'\)"):
+        check_segments("tennis", {"Middle line": LINE}, (960, 540))
 
 
 def test_pixels_of_a_larger_image_are_refused():
@@ -527,3 +537,9 @@ def test_a_field_with_more_segments_is_a_field():
 def test_a_name_of_the_field_cannot_be_given_twice(name):
     with pytest.raises(ValueError, match="the field has a segment 'CENTER_MARK' already: give yours another name"):
         FIELD.with_segments({name: Point((1.0, 2.0, 0.0))})
+
+
+def test_angles_of_an_arc_in_degrees_are_refused():
+    with pytest.raises(ValueError, match="got 90 to 270: degrees"):
+        Arc((8.0, 0.0, 0.0), 3.0, 90.0, 270.0)
+    assert Arc((8.0, 0.0, 0.0), 3.0, np.pi / 2, 5 * np.pi / 2).is_whole

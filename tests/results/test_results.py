@@ -505,6 +505,7 @@ def test_images_and_frames_may_be_generated(batch):
 
 NUMBERS = {  # of findings that have some
     **dict.fromkeys((What.OFF_PAINT, What.PAST_END, What.WIDE_PAINT, What.MISFIT, What.REPEATS, What.STRAY), (3.5,)),
+    What.OUTSIDE: (3.5,),
     What.RECOGNISED: (3.5,),
     **dict.fromkeys((What.CONTRADICTED, What.INACCURATE, What.NOT_LEVEL, What.SHARED_MISFIT), (0.25,)),
     **dict.fromkeys((What.IMPROBABLE, What.OTHER_SIZE, What.SUSPECTS, What.MISSED), (1.0, 2.0)),

@@ -13,7 +13,7 @@ from views import camera
 
 import fieldcalib
 from data_tools.sides import PLACES, frame_from, is_right, summary
-from fieldcalib import Calibration, Tracker, calibrate_from_images, calibrate_from_segments
+from fieldcalib import Calibration, Point, Tracker, calibrate_from_images, calibrate_from_segments
 from fieldcalib.assess.findings import UP_TO_SIDE, What
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields import tennis
@@ -51,7 +51,7 @@ def test_without_a_word_the_main_side_is_taken_and_the_other_one_is_an_alternati
     assert is_right(found.camera, SEEN[where], FIELD)
     (other,) = found.alternatives
     assert is_right(other, turned_camera(SEEN[where]), FIELD)
-    assert "up to the side" in found._repr_html_()
+    assert "if the side is right" in found._repr_html_()
     assert "side" not in found.reason
     assert Calibration.from_dict(found.to_dict()).alternatives == found.alternatives
 
@@ -70,7 +70,7 @@ def test_the_user_decides_the_side(where):
 
 @pytest.mark.parametrize("where", SEEN)
 def test_labels_of_the_opposite_side_leave_the_camera_that_names_the_ends_as_it_sees_them(where):
-    """As for pictures: the image is the same; the verdict and the probability are up to the side."""
+    """As for pictures: the image is the same; the verdict and the probability are for either side."""
     main, turned = SEEN[where], turned_camera(SEEN[where])
     frame = observe(FIELD.markings, main)
     swapped = {FIELD.symmetric[label]: xy for label, xy in frame.items()}
@@ -177,6 +177,18 @@ def test_a_court_that_is_searched_for_is_on_the_side_that_is_said():
     assert (len(found.alternatives), other.alternatives) == (1, ())
 
 
+def test_a_point_without_paint_on_one_side_does_not_tell_the_sides_of_a_court_apart():
+    """Two cameras explain the picture alike: each had been taken for the rival of the other, and both were refused."""
+    truth = camera(88, 75, 1400.0, (-32.0, 1.0, -9.0))
+    court = tennis().with_segments({"Umpire": Point((0.0, -7.0, -2.0))})
+    image = render_field(truth, court)
+    (found,), (other,) = (calibrate_from_images(court, [image], side=side) for side in (None, "opposite"))
+    assert (found.verdict, other.verdict) == ("good", "good")
+    assert is_right(found.camera, truth, court)
+    assert is_right(found.alternatives[0], turned_camera(truth), court)
+    assert is_right(other.camera, turned_camera(truth), court)
+
+
 def test_streams_are_on_the_side_that_is_said():
     for side, truth in ((None, MAIN), ("opposite", turned_camera(MAIN))):
         with Tracker(FIELD, KnownCameras([MAIN]), side=side, wait=True) as tracker:
@@ -195,7 +207,7 @@ def test_results_say_once_that_they_are_up_to_the_side(tmp_path, know):
     for name, notes in (("open", [UP_TO_SIDE]), ("said", [])):
         assert json.loads((tmp_path / name / "summary.json").read_text()).get("notes", []) == notes
         results = fieldcalib.read(tmp_path / name)
-        assert ("up to the side" in repr(results), list(results.notes)) == (bool(notes), notes)
+        assert ("main side assumed" in repr(results), list(results.notes)) == (bool(notes), notes)
         (line,) = lines_of(tmp_path / name)
         assert UP_TO_SIDE not in json.dumps(line)
     assert UP_TO_SIDE[:60] in (tmp_path / "open" / "report.html").read_text()

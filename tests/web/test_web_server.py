@@ -449,6 +449,20 @@ def test_a_body_that_is_refused(shown, headers, content, status):
     assert answer.json()["error"]
 
 
+def test_a_picture_may_be_larger_than_other_bodies(shown):
+    noise = np.random.default_rng(0).integers(0, 255, (540, 960, 3), dtype=np.uint8)
+    content = cv2.imencode(".png", noise)[1].tobytes()
+    assert len(content) > 1_000_000
+    for kind in ("image/png", "application/json"):
+        answer = shown.http.post(
+            f"/{TOKEN}/api/v1/calibrate", content=content, headers={**ORIGIN, "Content-Type": kind}
+        )
+        assert (answer.status_code, answer.json()["verdict"]) == (200, "reject")
+    too_large = {**ORIGIN, "Content-Type": "image/png", "Content-Length": "64000001"}
+    answer = shown.http.post(f"/{TOKEN}/api/v1/calibrate", content=b"", headers=too_large)
+    assert (answer.status_code, answer.json()["error"]) == (413, "expected a body of at most 64000000 bytes")
+
+
 def test_other_methods(shown):
     for method in ("PUT", "DELETE", "PATCH", "OPTIONS"):
         assert shown.http.request(method, f"/{TOKEN}/api/project").status_code == 405

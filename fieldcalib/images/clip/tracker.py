@@ -78,6 +78,9 @@ class LiveFrame(NamedTuple):
     dropped: int
     """Number of images dropped so far, as they came faster than they could be calibrated."""
 
+    def __repr__(self) -> str:
+        return f"LiveFrame({self.calibration}, late={self.late:.2f}, dropped={self.dropped})"
+
 
 class Tracker:
     """Calibrates a live video: every image gets its camera as it comes, from the images before it.

@@ -368,7 +368,7 @@ class App {
     const likely = this.edits.state.camera ? await get(`api/frame/${this.current}/likely`, { query: { x, y } }).catch(() => null) : null;
     const keys = new Map(this.field.segments.map(({ label, key }) => [label, key]));
     const some = (likely?.labels ?? []).slice(0, 2).map((label) => `${label} (${keys.get(label)?.toUpperCase()})`);
-    this.notices.say(`Which marking is this? Click it on the map or type its key${some.length ? `: ${some.join(" or ")} here?` : "."}`);
+    this.notices.say(`Which marking is this? Click it on the map or type its letters${some.length ? `: ${some.join(" or ")} here?` : "."}`);
   }
 
   emphasize(label) {

@@ -2,6 +2,7 @@
 
 import { element, svgElement, shownNumber } from "./dom.js";
 
+const HINT = "Click a marking, or type its letters. Point at it for its name.";
 const NEAR = 11; // CSS pixels from a marking or a point that still are a click on it
 const KEY_PLACES = [0.5, 0.32, 0.68, 0.18, 0.82, 0.42, 0.58]; // along a marking, where its key may be written
 const KEY_PLACES_ROUND = [0.25, 0.75, ...KEY_PLACES]; // of a circle, whose halves have their keys at their middles
@@ -51,7 +52,7 @@ export class FieldMap {
     goals.forEach((goal, number) => this.placeGoal(goal, number, goals.length, { w, h, goalHeight }).forEach((one) => onGround.push(one)));
     for (const [segment, points] of onGround) this.addSegment(segment, points);
     this.writeKeys();
-    this.caption.textContent = this.choose ? "Click a marking, or type its key." : "";
+    this.caption.textContent = this.choose ? HINT : "";
   }
 
   /** Segments of a goal with their places below the map. */
@@ -169,7 +170,7 @@ export class FieldMap {
       const { label, key } = found.segment;
       this.caption.replaceChildren(element("b", { text: label }), key ? element("kbd", { text: key.toUpperCase() }) : "");
     } else if (this.choose) {
-      this.caption.textContent = "Click a marking, or type its key.";
+      this.caption.textContent = HINT;
     }
   }
 

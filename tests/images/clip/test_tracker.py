@@ -267,6 +267,7 @@ def test_images_that_come_too_fast_are_dropped_and_counted(clip):
         frames = list(tracker.live(pictures[k % 2] for k in range(40)))
     assert frames[-1].dropped == 40 - len(frames) > 0
     assert all(0.0 < frame.late < 60.0 for frame in frames)
+    assert len(repr(frames[-1])) < 200  # without the picture
     assert frames[-1].calibration.accepted
 
 
