@@ -101,7 +101,8 @@ def how(advice: Iterable[Advice], tool: Tool, given: Iterable[str] = ()) -> str:
     """
     expect(tool, Tool, "Tool.PYTHON")
     asked = [one for one in several(advice, "advice") if isinstance(one, Advice)]
-    followed = {one for one, options in TEXTS["how unless"].items() if not {*given}.isdisjoint(options)}
+    names = {one for one in several(given, "names of options") if isinstance(one, str)}
+    followed = {one for one, options in TEXTS["how unless"].items() if not names.isdisjoint(options)}
     return "; ".join(ways[tool] for one, ways in HOW.items() if one in asked and one not in followed)
 
 
