@@ -103,8 +103,7 @@ class Found:
 
 def find_cameras(observations: Observations, options: Options, given: Array | None = None) -> Found:
     """Search the cameras of B frames that have pixels, near cameras `given` (B, n) if these are not None."""
-    # a free lens and principal point would absorb mislabelled segments
-    layout, known = options.layout.fixed("lens", "principal point", "aspect"), options.known
+    layout, known = _without_lens(options), options.known
     only_turned = given is None and not np.any(options.layout.free[ANGLES]) and np.isnan(known[CENTER]).any()
     if only_turned:  # from the middle of a stand, a camera with the known rotation sees other parts of the field
         layout, known = layout.with_roles(Role.FRAME, "angles"), known.copy()
@@ -193,6 +192,11 @@ def _around_known_lens(prior: GaussianPrior, options: Options) -> GaussianPrior:
     mean = prior.mean.copy()
     mean[:, options.layout.lens_block] = lens
     return replace(prior, mean=mean)
+
+
+def _without_lens(options: Options) -> Layout:
+    """The layout of the search: a free lens and principal point would absorb mislabelled segments."""
+    return options.layout.fixed("lens", "principal point", "aspect")
 
 
 def _best(evaluation: Evaluation, frame: IntArray, kept: int, options: Options) -> IntArray:
