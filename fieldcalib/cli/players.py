@@ -115,9 +115,8 @@ class PlayersOnMaps:
     @property
     def legend(self) -> str:
         """A line of output that explains the colours; empty if there is only one."""
-        other = [
-            (group, colour) for group, colour in self._colours.items() if group.lower() != colour
-        ]  # not "blue is blue"
+        # not "blue is blue"
+        other = [(group, colour) for group, colour in self._colours.items() if group.lower() != colour]
         groups = [f"{group} is {colour}" for group, colour in other[: len(COLOURS)]]
         more = ", ..." if len(other) > len(COLOURS) else ""
         return f"{self._table.group_column}: {', '.join(groups)}{more}" if groups else ""

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.assess.findings import BESIDE, Finding, Status, What, in_words
+from fieldcalib.assess.findings import BESIDE, Finding, Status, Verdict, What, in_words
 from fieldcalib.assess.label_errors import rms_of_labels
 from fieldcalib.assess.result import Calibration, found_of, with_findings
 from fieldcalib.editor.edit import Mark, Marks
@@ -154,6 +154,21 @@ def _agreeing(field: Field, by_hand: Marks, by_marks: Calibration, refined: Cali
     suspects = (one for one in found_of(by_marks) if one.what is What.SUSPECTS)
     refined = replace(refined, suspect_labels=by_marks.suspect_labels)
     return with_strays(by_hand, with_findings(refined, *suspects))
+
+
+def confirmed(base: Calibration, image: Image, by_hand: Marks) -> Calibration | None:
+    """Refine a good camera with marks of a person that lie on its markings.
+
+    None if the camera is not good, before or after, or a mark lies elsewhere: then the marks have to find the camera.
+    """
+    field, camera, marks = base.field, base.camera, by_hand.pixels
+    if base.verdict is not Verdict.GOOD or field is None or camera is None or not marks:
+        return None
+    if np.max(mark_errors(field, by_hand, [camera])) > BESIDE * click_unit(camera.image_size):
+        return None
+    weights = _weights(by_hand, camera.image_size)
+    found = refine_on_image(field, image, base, marks, weights=weights, quick=True)
+    return found if found.verdict is Verdict.GOOD else None
 
 
 def _rms(errors: Array) -> float:

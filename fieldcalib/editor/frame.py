@@ -29,12 +29,12 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, Float32, IntArray, real_array
 from fieldcalib.assess.camera_errors import Solved
-from fieldcalib.assess.findings import Status
+from fieldcalib.assess.findings import Status, Verdict
 from fieldcalib.assess.result import Calibration, in_picture
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.draw.scene import image_curves, image_curves_of
 from fieldcalib.editor.edit import Edit, History, Known, Marks
-from fieldcalib.editor.fitting import fitted, not_followed
+from fieldcalib.editor.fitting import confirmed, fitted, not_followed
 from fieldcalib.fields.catalogue import field as field_by_name
 from fieldcalib.fields.field import Field, terrain_of
 from fieldcalib.fields.segments import Segment
@@ -431,7 +431,11 @@ class FrameEditor:
             return self.found
         try:
             field = self.known.of(self.field)
-            return fitted_in_shape(field, self.image, self.marks.of_field(self.field), self.known)
+            found = fitted_in_shape(field, self.image, self.marks.of_field(self.field), self.known)
+            if self.base is None or found.verdict is Verdict.GOOD or self.known != Known():
+                return found
+            # few labels may find another camera than the lines did with which they agree
+            return confirmed(self.base, self.image, self.marks.of_field(self.field).only_by_hand) or found
         except ValueError as error:  # known values of another field than this one, and the like
             return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, str(error))
 

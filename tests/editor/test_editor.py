@@ -322,3 +322,19 @@ def test_labels_of_a_network_that_its_camera_does_not_follow_have_no_part_in_wha
     assert "Side line bottom" in frame.with_marks(Marks.of(others, by_hand=False)).marks.pixels  # given instead
     found = frame.mark("Small rect. left main", mark).calibration
     np.testing.assert_allclose(found.camera.project([(-30.0, 0.0, 0.0)]), TRUTH.project([(-30.0, 0.0, 0.0)]), atol=1.5)
+
+
+def test_right_marks_of_a_person_leave_a_good_camera_where_it_is(image):
+    """Of few labels that agree with it another camera had been found: up to 108 px off in broadcast pictures."""
+    pixels = {label: on_marking(label) for label in FIELD.markings}
+    base = calibrate_from_segments(FIELD, {label: xy for label, xy in pixels.items() if len(xy)}, SIZE)
+    few = Marks.of(ends_of(LABELS[:1]), by_hand=False)
+    frame = FrameEditor(image, FIELD, History(Edit(few, automatic=True)), base)
+    here = pixels[LABELS[0]][[1]]
+    found = frame.mark(LABELS[0], here, snap=False).calibration
+    assert found.verdict == base.verdict == "good"
+    X = FIELD["Circle left"].sample(1.0)
+    assert np.max(np.abs(found.camera.project(X) - TRUTH.project(X))) < 1.0
+    assert frame.mark(LABELS[0], here + (20.0, 0.0), snap=False).calibration.verdict != "good"  # contradicts it
+    doubted = replace(frame, base=replace(base, status=Status.IMPROBABLE))
+    assert doubted.mark(LABELS[0], here, snap=False).calibration.verdict != "good"
