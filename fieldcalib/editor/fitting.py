@@ -156,18 +156,18 @@ def _agreeing(field: Field, by_hand: Marks, by_marks: Calibration, refined: Cali
     return with_strays(by_hand, with_findings(refined, *suspects))
 
 
-def confirmed(base: Calibration, image: Image, by_hand: Marks) -> Calibration | None:
-    """Refine a good camera with marks of a person that lie on its markings.
+def confirmed(base: Calibration, image: Image, marks: Marks) -> Calibration | None:
+    """Refine a good camera with the marks that a person added to those of a network, if they lie on its markings.
 
     None if the camera is not good, before or after, or a mark lies elsewhere: then the marks have to find the camera.
     """
-    field, camera, marks = base.field, base.camera, by_hand.pixels
-    if base.verdict is not Verdict.GOOD or field is None or camera is None or not marks:
+    field, camera, by_hand = base.field, base.camera, marks.only_by_hand
+    if base.verdict is not Verdict.GOOD or field is None or camera is None or not 0 < len(by_hand) < len(marks):
         return None
     if np.max(mark_errors(field, by_hand, [camera])) > BESIDE * click_unit(camera.image_size):
         return None
     weights = _weights(by_hand, camera.image_size)
-    found = refine_on_image(field, image, base, marks, weights=weights, quick=True)
+    found = refine_on_image(field, image, base, by_hand.pixels, weights=weights, quick=True)
     return found if found.verdict is Verdict.GOOD else None
 
 

@@ -435,7 +435,7 @@ class FrameEditor:
             if self.base is None or found.verdict is Verdict.GOOD or self.known != Known():
                 return found
             # few labels may find another camera than the lines did with which they agree
-            return confirmed(self.base, self.image, self.marks.of_field(self.field).only_by_hand) or found
+            return confirmed(self.base, self.image, self.marks.of_field(self.field)) or found
         except ValueError as error:  # known values of another field than this one, and the like
             return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, str(error))
 

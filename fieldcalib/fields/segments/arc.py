@@ -110,8 +110,8 @@ class Arc(Segment):
         for name in ("start", "stop"):
             if not math.isfinite(number(getattr(self, name), f"the angle {name} of an Arc")):
                 raise ValueError(f"the angle {name} of an Arc must be finite, got {getattr(self, name)}")
-        if abs(self.stop - self.start) > 2.0 * np.pi + 1e-6:
-            raise ValueError(f"an Arc is at most a full turn, 6.28 rad, got {self.start:g} to {self.stop:g}: degrees?")
+        if abs(self.stop - self.start) > 4.0 * np.pi:
+            raise ValueError(f"the angles of an Arc are radians, got {self.start:g} to {self.stop:g}: degrees?")
 
     def sample(self, spacing: float = 1.0) -> Array:
         """Points from start to stop, at most `spacing` metres of arc apart, (N, 3)."""
