@@ -64,7 +64,7 @@ def field_homography(camera: Camera, field: Field) -> FieldHomography:
     ValueError
         If one of the two is something else.
     """
-    xy, X = ground_in_view(expect(camera, Camera, CAMERA), expect(field, Field, FIELD))
+    xy, X = pixels_of_ground(expect(camera, Camera, CAMERA), expect(field, Field, FIELD))
     exact = _inverse(camera.pinhole_homography)
     if field.terrain.is_level and not np.any(camera.dist):
         return FieldHomography(exact, exact, 0.0, 0.0, 0.0, 0.0)
@@ -80,7 +80,7 @@ def field_homography(camera: Camera, field: Field) -> FieldHomography:
     return FieldHomography(exact, raw, _rms(pixels), float(pixels.max()), _rms(metres), float(metres.max()))
 
 
-def ground_in_view(camera: Camera, field: Field) -> tuple[Array, Array]:
+def pixels_of_ground(camera: Camera, field: Field) -> tuple[Array, Array]:
     """Pixels (N, 2) of the picture that show the field, on a grid, and their ground points (N, 2)."""
     axes = (np.linspace(0.0, size - 1.0, SAMPLES) for size in camera.image_size)
     xy = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)

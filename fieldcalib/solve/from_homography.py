@@ -19,7 +19,7 @@ from fieldcalib.assess.ndc import ndc_losses
 from fieldcalib.assess.result import Calibration, with_findings
 from fieldcalib.assess.verdict import disagreement, implausibilities
 from fieldcalib.fields.field import Field, ObjectSegments
-from fieldcalib.fields.ground_homography import ground_in_view
+from fieldcalib.fields.ground_homography import pixels_of_ground
 from fieldcalib.fields.segments import Point
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera, checked_image_size
@@ -233,7 +233,7 @@ def on_level_ground(camera: Camera, field: Field | None) -> Camera:
     """
     if field is None or field.terrain.is_level or camera.fisheye:
         return camera
-    xy, X = ground_in_view(camera, field)
+    xy, X = pixels_of_ground(camera, field)
     level = _refined_pose(camera, np.insert(X, 2, 0.0, axis=1), xy) if len(X) > LEAST_POINTS else None
     return camera if level is None else level
 

@@ -162,7 +162,8 @@ class Guard:
         host = headers[b"host"].decode("latin-1").lower()
         if not _is_own(headers.get(b"origin", b""), host):
             return 403, "requests from pages of other sites are not answered: give the header Origin of this page"
-        if not headers.get(b"content-type", b"").lower().startswith((b"application/json", b"image/")):
+        kind = headers.get(b"content-type", b"").split(b";")[0].strip().lower()
+        if kind != b"application/json" and not (kind.startswith(b"image/") and most > MOST_BYTES):
             return 415, "expected the header Content-Type, application/json or that of a picture, as image/jpeg"
         length = headers.get(b"content-length", b"0")
         if not length.isdigit() or int(length[:20]) > most:

@@ -194,9 +194,8 @@ class Commands:
         if remedy is UNREADABLE:
             return f"put the file in its place, then {self._run}"
         said = f"fieldcalib open {self.folder} (choose this frame, a marking on the map, and click along it; then Save)"
-        known = how(
-            [one for one in remedy.advice if one not in (Advice.LOOK, Advice.BY_HAND)], Tool.COMMAND, self.given
-        )
+        asked = [one for one in remedy.advice if one not in (Advice.LOOK, Advice.BY_HAND)]
+        known = how(asked, Tool.COMMAND, self.given)
         return f"{said}; or {self._run} with {known}" if known else said
 
     @property

@@ -8,7 +8,7 @@ from strategies import cameras, numbers
 
 from fieldcalib import Camera, Status, calibrate_from_homography, soccer
 from fieldcalib.fields import Ground
-from fieldcalib.fields.ground_homography import ground_in_view
+from fieldcalib.fields.ground_homography import pixels_of_ground
 from fieldcalib.geometry.homography import dehomogenize, homogenize
 from fieldcalib.solve.from_homography import on_level_ground
 
@@ -125,7 +125,7 @@ def test_a_homography_without_a_camera_has_a_reason(H):
 @given(camera=cameras(), crown=numbers(0.05, 0.5))
 def test_a_camera_on_level_ground_is_nearer_than_that_of_raised_ground(camera, crown):
     raised = soccer().with_ground(Ground(crown=crown))
-    xy, X = ground_in_view(camera, raised)
+    xy, X = pixels_of_ground(camera, raised)
     assume(len(X) > 20)
     level = on_level_ground(camera, raised)
     np.testing.assert_array_equal((*level.K.flat, *level.dist.flat), (*camera.K.flat, *camera.dist.flat))

@@ -436,6 +436,8 @@ def test_the_hosts_of_a_page(shown, hosts, host, origin, is_answered):
         ({"Origin": "http://evil.example"}, b"{}", 403),
         ({"Origin": f"https://{HOST}"}, b"{}", 403),
         ({**ORIGIN, "Content-Type": "text/plain"}, b"{}", 415),
+        ({**ORIGIN, "Content-Type": "image/png"}, b"{}", 415),  # only where a picture is calibrated
+        ({**ORIGIN, "Content-Type": "application/jsonp"}, b"{}", 415),
         ({**ORIGIN, "Content-Type": "application/json"}, b"no json", 400),
         ({**ORIGIN, "Content-Type": "application/json"}, b"[1]", 400),
         ({**ORIGIN, "Content-Type": "application/json"}, b"[" * 100_000, 400),
