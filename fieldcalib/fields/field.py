@@ -22,7 +22,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, lru_cache
-from itertools import pairwise
+from itertools import compress, pairwise
 from types import MappingProxyType
 from typing import Any, Literal, TypeAlias, get_args
 
@@ -549,6 +549,15 @@ class Field(Mapping[str, Segment]):
         array([0.5, 0.5])
         """
         return _motion(self._moving.build, *self._moving.limits[0].tolist())
+
+    @cached_property
+    def moved_by_width(self) -> frozenset[str]:
+        """Segments that move as a whole with the width: the touchlines, and points on them. Empty if none moves."""
+        if not self.moves_with_size:
+            return frozenset()
+        start, end = np.moveaxis(self.motion[..., 1], 1, 0)
+        is_whole = np.all(start == end, axis=1) & np.any(start, axis=1)
+        return frozenset(compress(self, is_whole))
 
     @property
     def _moving(self) -> SizePrior:

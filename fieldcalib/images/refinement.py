@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, BoolArray, expect, truth
 from fieldcalib.assess.label_errors import rms_by_label
-from fieldcalib.assess.paint_in_view import paint_share
+from fieldcalib.assess.paint_in_view import UNSEEN, paint_share
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.field import Field, ObjectSegments
 from fieldcalib.geometry.camera import Camera
@@ -52,6 +52,8 @@ from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, CalibrationFlags
 # Lengths are in pixels of a 960 x 540 image and grow with the image.
 STRAY = 8.0  # px from a camera that fits the lines: 6 to 12 give the same AC@10 and AC@20 on images of WC14
 SAME_LINES = 0.95  # share of the lines of the wide search that the narrow one must find too, to leave the wide one out
+
+NOISE_OF_SHARE = 0.01  # of the share of markings on paint, from one look to the next
 LEAST_SUPPORT_REFINED = 0.35  # broadcast frames: 0.36 to 0.9 for cameras within 3 px, below 0.38 for 95 % of wrong ones
 
 
@@ -427,6 +429,38 @@ def on_field_as_seen(
     found : PixelTable
         Pixels that a network labelled.
     """
+    sized = _on_field_of_labels(task, image, calibration, found)
+    off = _touchlines_off_paint(calibration, sized)
+    if not off or calibration.solved is None:
+        return sized
+    # their labels, some pixels off, drew the width: it comes from the paint beside them, or stays as it is
+    first = Refined(calibration, np.nan) if sized is None else sized
+    if first.paint is None:
+        markings = Markings.of(task.object_segments)
+        profiles = profiles_along(calibration.required_camera, markings)
+        first = looked_at(first, image, profiles, markings)
+    assert first.paint is not None
+    beside = first.paint.beside.of_labels(off)
+    lines, found = (with_replaced(one, beside, off) for one in (calibration.solved.pixels, found))
+    (start,) = calibrate_on_lines(task, [lines], size_of(image), [calibration.required_camera])
+    start = replace(start, field=calibration.field, markings=calibration.markings)
+    again = _on_field_of_labels(task, image, start, found) or _on_another_field(task, image, found, start, start)
+    is_better = again.calibration.accepted and again.paint_share >= first.paint_share - NOISE_OF_SHARE
+    return again if is_better and not _touchlines_off_paint(start, again) & off else sized
+
+
+def _touchlines_off_paint(calibration: Calibration, sized: Refined | None) -> set[str]:
+    """Labelled touchlines whose paint lies beside them, or where the width was estimated from them, is not there."""
+    seen = calibration if sized is None else sized.judged
+    if calibration.solved is None or seen.field is None:
+        return set()
+    labelled = seen.field.moved_by_width.intersection(calibration.solved.pixels.by_label(0))
+    bare = 0.0 if sized is None else UNSEEN
+    return {one.label for one in seen.markings if one.label in labelled and (one.is_beside or one.share < bare)}
+
+
+def _on_field_of_labels(task: Task, image: Image, calibration: Calibration, found: PixelTable) -> Refined | None:
+    """Refine a camera on a field of the size, and on the ground, that the pixels of a calibration determine, if any."""
     seen: list[Refined] = []
 
     def again(field: Field, camera: Camera) -> Calibration:

@@ -6,7 +6,7 @@ One frame is a mapping of labels to (N, 2) pixels, perhaps with weights; many fr
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from reprlib import repr as short
 from typing import TypeAlias
@@ -406,6 +406,10 @@ class PixelTable:
         rows = [np.arange(first, last) for first, last in zip(begin.tolist(), end.tolist(), strict=True)]
         table = self.take(np.concatenate([np.empty(0, np.intp), *rows]))
         return replace(table, count=len(rows), frame=np.repeat(np.arange(len(rows)), end - begin))
+
+    def of_labels(self, labels: Collection[str]) -> PixelTable:
+        """The pixels of some labels."""
+        return self.take(np.isin(self.label, [k for k, name in enumerate(self.labels) if name in labels]))
 
     def numbered(self, labels: tuple[str, ...]) -> PixelTable:
         """The table with indices into other labels; a ValueError if these lack a label that has pixels."""

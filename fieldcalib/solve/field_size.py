@@ -119,6 +119,8 @@ class _FieldFromLabels:
         as_given = np.array([evidence.as_given, evidence.as_given, evidence.level])[index]
         likely = LIKELY_BESIDE if any(one.is_beside for one in calibration.markings) else LIKELY
         freed = (as_given <= likely) & (_deviations(evidence, problem.layout.prior_moment) < LARGEST_SIGMAS[index])
+        if field.moved_by_width.isdisjoint(solved.pixels.by_label(0)):
+            freed &= index != 1  # without a touchline the ends of goal lines and the crown hardly tell the width
         return cls(field, size, evidence, index, freed) if np.any(freed) else None
 
     @property

@@ -15,14 +15,17 @@ from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.segments import Line, Point, PointCloud
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.images.paint.detected_lines import calibrate_on_lines
 from fieldcalib.images.paint.line_profiles import Markings, Strips, find_lines, profiles_along
 from fieldcalib.images.refinement import (
     ToRefine,
     line_support,
+    on_field_as_seen,
     refine_all,
     refine_homography_on_image,
     refine_on_image,
 )
+from fieldcalib.problem.labelled_pixels import PixelTable
 from fieldcalib.problem.layout import CENTER, LOG_F, camera_from_theta, theta_from_camera
 from fieldcalib.solve.from_homography import calibrate_from_homography
 from fieldcalib.solve.from_segments import calibrate_from_segments
@@ -329,3 +332,22 @@ def test_a_homography_in_yards_is_mended_where_the_paint_is_near():
     truth = VIEWS["penalty area"]
     found = refine_homography_on_image(FIELD, picture(truth), truth.pinhole_homography @ np.diag([0.9144, 0.9144, 1.0]))
     assert distance(found.camera, truth) < 1.0
+
+
+# --- the field that a picture shows ---
+
+
+@pytest.mark.parametrize("width", [66.0, 70.0])
+@pytest.mark.parametrize("off", [-4.0, 6.0])
+def test_a_touchline_without_paint_does_not_tell_the_width(width, off):
+    """The near touchline does: the label of the far one is some pixels off, as a network's may be, and rubbed out."""
+    pitch, truth, far = soccer(105.0, width), VIEWS["midfield"], "Side line top"
+    labels = observe(whole_circle_markings(pitch), truth)
+    labels[far] = labels[far] + (0.0, off)
+    line = truth.project(pitch[far].sample(1.0))
+    rubbed = cv2.polylines(np.zeros(SIZE[::-1], np.uint8), [np.round(line).astype(int)], False, 255, 9)
+    image = cv2.inpaint(picture(truth, pitch), rubbed, 3, cv2.INPAINT_TELEA)
+    task, pixels = Task(FIELD), PixelTable.of(FIELD, [labels])
+    (start,) = calibrate_on_lines(task, [pixels], SIZE, [truth])
+    seen = on_field_as_seen(task, image, start, pixels)
+    assert seen.calibration.field.width == pytest.approx(width, abs=0.1)  # with that label 61.7 to 73.2 m

@@ -11,7 +11,7 @@ the line is taken from every profile that shows contrast close to it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -71,11 +71,14 @@ def detected_lines(image: Image, profiles: Profiles, markings: Markings, sigma: 
     return pixels_of_lines(markings, profiles, find_lines(image, profiles, float(search_range)))
 
 
-def with_replaced(labels: PixelTable, others: PixelTable) -> PixelTable:
-    """Merge labelled pixels of one image: labels that `others` has replace those of the same name or are added."""
+def with_replaced(labels: PixelTable, others: PixelTable, dropped: Collection[str] = ()) -> PixelTable:
+    """Merge labelled pixels of one image: labels that `others` has replace those of the same name or are added.
+
+    Labels that are `dropped` go, whether or not `others` has them.
+    """
     names = tuple(dict.fromkeys((*labels.labels, *others.labels)))
-    labels, others = labels.numbered(names), others.numbered(names)
-    both = PixelTable.joined(names, [labels.take(~np.isin(labels.label, others.label)), others])
+    left = set(names).difference(dropped, others.by_label(0))
+    both = PixelTable.joined(names, [labels.of_labels(left), others])
     return replace(both, count=1, frame=np.zeros_like(both.frame))
 
 
