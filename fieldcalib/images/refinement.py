@@ -6,7 +6,7 @@ size or ground of fields vary (soccer), `on_field_as_seen` refines the camera on
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -430,33 +430,24 @@ def on_field_as_seen(
         Pixels that a network labelled.
     """
     sized = _on_field_of_labels(task, image, calibration, found)
-    off = _touchlines_off_paint(calibration, sized)
-    if not off or calibration.solved is None:
+    if sized is None or sized.paint is None or calibration.solved is None or task.field is None:
         return sized
-    # their labels, some pixels off, drew the width: it comes from the paint beside them, or stays as it is
-    first = Refined(calibration, np.nan) if sized is None else sized
-    if first.paint is None:
-        markings = Markings.of(task.object_segments)
-        profiles = profiles_along(calibration.required_camera, markings)
-        first = looked_at(first, image, profiles, markings)
-    assert first.paint is not None
-    beside = first.paint.beside.of_labels(off)
+    off = _off_paint(sized, task.field.moved_by_width.intersection(calibration.pixel_counts))
+    if not off:
+        return sized
+    # labels of touchlines, some pixels off, drew the width: it comes from the paint beside them, or stays as it is
+    beside = sized.paint.beside.of_labels(off)
     lines, found = (with_replaced(one, beside, off) for one in (calibration.solved.pixels, found))
     (start,) = calibrate_on_lines(task, [lines], size_of(image), [calibration.required_camera])
     start = replace(start, field=calibration.field, markings=calibration.markings)
     again = _on_field_of_labels(task, image, start, found) or _on_another_field(task, image, found, start, start)
-    is_better = again.calibration.accepted and again.paint_share >= first.paint_share - NOISE_OF_SHARE
-    return again if is_better and not _touchlines_off_paint(start, again) & off else sized
+    is_better = again.calibration.accepted and again.paint_share >= sized.paint_share - NOISE_OF_SHARE
+    return again if is_better and not _off_paint(again, beside.by_label(0)) else sized
 
 
-def _touchlines_off_paint(calibration: Calibration, sized: Refined | None) -> set[str]:
-    """Labelled touchlines whose paint lies beside them, or where the width was estimated from them, is not there."""
-    seen = calibration if sized is None else sized.judged
-    if calibration.solved is None or seen.field is None:
-        return set()
-    labelled = seen.field.moved_by_width.intersection(calibration.solved.pixels.by_label(0))
-    bare = 0.0 if sized is None else UNSEEN
-    return {one.label for one in seen.markings if one.label in labelled and (one.is_beside or one.share < bare)}
+def _off_paint(seen: Refined, labels: Collection[str]) -> set[str]:
+    """Those of some markings whose paint lies beside them, or is not there."""
+    return {one.label for one in seen.judged.markings if one.label in labels and (one.is_beside or one.share < UNSEEN)}
 
 
 def _on_field_of_labels(task: Task, image: Image, calibration: Calibration, found: PixelTable) -> Refined | None:
