@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import cycle
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 
@@ -14,24 +13,11 @@ from fieldcalib._types import Array
 from fieldcalib.cli.frame_cameras import Cameras
 from fieldcalib.console.arguments import count
 from fieldcalib.console.options import option
-from fieldcalib.draw.ground import Colour
+from fieldcalib.draw.ground import COLOURS, Colour
 from fieldcalib.fields.field import Field
 from fieldcalib.io.players import Player, Players, read_players
 
-COLOURS: Mapping[str, Colour] = MappingProxyType(
-    {
-        "red": (50, 50, 230),
-        "blue": (235, 125, 40),
-        "yellow": (40, 220, 250),
-        "white": (245, 245, 245),
-        "black": (25, 25, 25),
-        "violet": (220, 70, 150),
-        "orange": (20, 140, 255),
-        "cyan": (225, 220, 40),
-        "pink": (190, 140, 255),
-        "green": (70, 230, 120),
-    }
-)
+SHIRTS = COLOURS["players"]
 SYNONYMS = {"purple": "violet"}
 ONE, NO_GROUP = "red", (150, 150, 150)  # colours where there are no groups, and of players without one
 
@@ -97,7 +83,7 @@ class PlayersOnMaps:
         place = self._order[id]
         players = self._at.get(place, [])
         points = np.array([player.X for player in players]).reshape(-1, 2)
-        colours = [self._colour(player) for player in players] or [COLOURS[ONE]]  # nobody needs it, but drawing does
+        colours = [self._colour(player) for player in players] or [SHIRTS[ONE]]  # nobody needs it, but drawing does
         if not self._count:
             return points, colours, []
         past = [
@@ -109,16 +95,16 @@ class PlayersOnMaps:
 
     def _colour(self, player: Player) -> Colour:
         if not self._colours:
-            return COLOURS[ONE]
-        return COLOURS[self._colours[player.group]] if player.group else NO_GROUP
+            return SHIRTS[ONE]
+        return SHIRTS[self._colours[player.group]] if player.group else NO_GROUP
 
     @property
     def legend(self) -> str:
         """A line of output that explains the colours; empty if there is only one."""
         # not "blue is blue"
         other = [(group, colour) for group, colour in self._colours.items() if group.lower() != colour]
-        groups = [f"{group} is {colour}" for group, colour in other[: len(COLOURS)]]
-        more = ", ..." if len(other) > len(COLOURS) else ""
+        groups = [f"{group} is {colour}" for group, colour in other[: len(SHIRTS)]]
+        more = ", ..." if len(other) > len(SHIRTS) else ""
         return f"{self._table.group_column}: {', '.join(groups)}{more}" if groups else ""
 
 
@@ -131,8 +117,8 @@ def colours_of(groups: Sequence[str]) -> dict[str, str]:
     {'home': 'blue', 'Red': 'red', 'purple': 'violet', 'away': 'yellow'}
     """
     called = {group: SYNONYMS.get(group.lower(), group.lower()) for group in groups}
-    own = {group: name for group, name in called.items() if name in COLOURS}
-    others = cycle([name for name in COLOURS if name not in own.values()] or list(COLOURS))
+    own = {group: name for group, name in called.items() if name in SHIRTS}
+    others = cycle([name for name in SHIRTS if name not in own.values()] or list(SHIRTS))
     return {group: own[group] if group in own else next(others) for group in groups}
 
 

@@ -5,10 +5,11 @@ Pictures are (3, height, width) planes here, blue, green, red. Components of vec
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from types import MappingProxyType
+from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -27,17 +28,11 @@ Colour: TypeAlias = tuple[int, int, int]
 LIGHT_GRASS: Colour = (60, 141, 80)
 DARK_GRASS: Colour = (50, 123, 66)
 TRACK: Colour = (52, 74, 56)
-SURFACE_COLOURS: Mapping[str, Colour] = MappingProxyType(  # all but grass, which has stripes
-    {
-        "turf": (146, 92, 38),
-        "ice": (248, 244, 239),
-        "wood": (112, 163, 208),
-        "floor": (166, 118, 62),
-        "hard court": (150, 90, 50),
-        "clay": (62, 92, 178),
-        "sand": (140, 186, 214),
-    }
-)
+# By name: of surfaces but grass, which has stripes; of labels and players, far from the green of grass
+COLOURS: Mapping[str, Mapping[str, Colour]] = {
+    what: {name: tuple(colour) for name, colour in some.items()}
+    for what, some in json.loads(Path(__file__).with_name("colours.json").read_text("utf-8")).items()
+}
 OUTSIDE = 0.72  # brightness beyond the run-off, relative to the surface
 RUN_OFF = 3.0  # m of the surface around the field
 MARGIN = 1.0  # m around the paint: pixels whose centres are further away have none of it
@@ -103,8 +98,8 @@ def surface(ground: Ground, field: Field) -> Float32:
     end, side = field.half_extent.tolist()
     outside_x, outside_y = (x - end - RUN_OFF) / pixel_x, (y - side - RUN_OFF) / pixel_y
     outside = np.clip(np.maximum(outside_x, outside_y) + 0.5, 0.0, 1.0)
-    if field.surface in SURFACE_COLOURS:
-        colour = np.reshape(SURFACE_COLOURS[field.surface], (3, 1, 1))
+    if field.surface in COLOURS["surfaces"]:
+        colour = np.reshape(COLOURS["surfaces"][field.surface], (3, 1, 1))
         return np.asarray(colour * (1.0 - (1.0 - OUTSIDE) * np.nan_to_num(outside, nan=1.0)), np.float32)
     stripe = (x - field.length / 2.0) / STRIPE
     from_edge = np.abs(stripe - np.rint(stripe)) * STRIPE / pixel_x

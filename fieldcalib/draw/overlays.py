@@ -14,7 +14,7 @@ import numpy as np
 
 from fieldcalib._types import CAMERA, Array, expect, is_number, listed, positive, real_array, truth
 from fieldcalib.assess.result import Calibration
-from fieldcalib.draw.ground import Colour
+from fieldcalib.draw.ground import COLOURS, Colour
 from fieldcalib.draw.minimap import DARK, inset_map
 from fieldcalib.draw.scene import SHIFT, dashes, draw_dot, draw_text, fixed_point, image_curves_of, text_size, wrapped
 from fieldcalib.fields.field import Field, ObjectSegments, terrain_of
@@ -28,21 +28,7 @@ GREY: Colour = (170, 170, 170)  # markings without paint
 NO_COLOURS: Mapping[str, Colour] = MappingProxyType({})
 THICKEST = 32767  # of OpenCV
 DASH = 6.0  # length of dashes and of gaps, in thicknesses of the line
-# Far from the green of grass and the white of lines, and far from each other.
-PALETTE: tuple[Colour, ...] = (
-    (64, 64, 255),  # red
-    (30, 150, 255),  # orange
-    (50, 225, 255),  # yellow
-    (245, 245, 40),  # cyan
-    (255, 180, 60),  # sky
-    (255, 90, 60),  # blue
-    (255, 90, 160),  # violet
-    (210, 90, 255),  # pink
-    (150, 180, 255),  # peach
-    (255, 190, 215),  # lavender
-    (110, 30, 190),  # wine
-    (200, 255, 190),  # mint
-)
+PALETTE = tuple(COLOURS["labels"].values())
 PALETTE_SALT = 1952  # chosen so that neighbouring labels of a soccer field have different colours
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from fieldcalib import Calibration, Camera, Status, soccer
 from fieldcalib.cli.main import main
-from fieldcalib.cli.players import COLOURS
+from fieldcalib.cli.players import SHIRTS
 from fieldcalib.draw import draw_minimap, draw_players, minimap, overhead_camera, render_field
 from fieldcalib.fields import Ground
 from fieldcalib.fields.catalogue import tennis
@@ -19,7 +19,7 @@ from fieldcalib.io.videos import VideoReader
 SIZE = (640, 360)
 CAMERA = Camera.from_angles(0.1, np.radians(78), 0.0, 700.0, (0.0, 62.0, -18.0), SIZE)
 HEADER = ("frame", "track_id", "team", "field_x", "field_y")
-RED, BLUE = COLOURS["red"], COLOURS["blue"]
+RED, BLUE = SHIRTS["red"], SHIRTS["blue"]
 
 
 @pytest.fixture
@@ -99,7 +99,7 @@ def test_teams_that_are_called_as_a_colour_have_it(folder, capsys):
     out = folder / "map.png"
     assert command("minimap", folder, table(folder, rows), "--out", out) == 0
     assert capsys.readouterr().out.endswith(" pixels\nteam: referee is red\n")  # not that black is black
-    colours = [COLOURS[name] for name in ("white", "black", "red")]
+    colours = [SHIRTS[name] for name in ("white", "black", "red")]
     points = [(0.0, 0.0), (10.0, 0.0), (20.0, 0.0)]
     expected = draw_minimap(CAMERA, soccer(), size=(672, 456), points=points, colours=colours)
     np.testing.assert_array_equal(cv2.imread(str(out)), expected)
