@@ -111,7 +111,7 @@ class SizeBlock(NamedTuple):
         given, crown = np.array([field.length, field.width]), field.crown if field.ground is None else None
         if field.size_model is not None and field.moves_with_size and not field.size_known:
             model = field.size_model
-            return cls(given, model.sigma, model.limits, model.possibilities, crown)
+            return cls(given, model.sigma, model.limits, model.possibilities, crown, field.terrain.crown)
         return None if crown is None else cls(given, np.ones(2), np.array([given, given]), crown=crown)
 
     @property

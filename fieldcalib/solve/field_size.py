@@ -394,8 +394,7 @@ def _checked_prior(field: Field) -> SizeBlock:
     """
     if not isinstance(field, Field):
         raise ValueError(f"expected a field as soccer(length, width) makes it, got {type(field).__name__}")
-    exact = SizeBlock.of(field) if field.size_model is None else None
-    if exact is not None:
+    if field.size_model is None and (exact := SizeBlock.of(field)) is not None:
         return exact
     sizes = field.resized(field.length, field.width).size_model
     assert sizes is not None  # else it cannot be resized
@@ -406,7 +405,8 @@ def _checked_prior(field: Field) -> SizeBlock:
             f"is to be estimated, got {field.length:g} x {field.width:g}; give a likely size in metres, the touchline "
             f"first"
         )
-    return SizeBlock(size, sizes.sigma, sizes.limits, crown=field.crown if field.ground is None else None)
+    crown = field.crown if field.ground is None else None
+    return SizeBlock(size, sizes.sigma, sizes.limits, crown=crown, height=field.terrain.crown)
 
 
 def of_size(calibration: Calibration, pitch: Field, covariance: Array) -> Calibration:

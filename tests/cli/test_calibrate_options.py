@@ -294,3 +294,13 @@ def test_a_size_that_squashes_the_frames_is_doubted(tmp_path, capsys):
     assert "not square" not in capsys.readouterr().err
     assert main(["calibrate", str(frames), "--size", "540x960", "--out", str(tmp_path / "swapped")]) == 0
     assert "show pixels that are not square: is the size right?" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("free", [SAME_FIELD, SAME_FIELD[:2]], ids=["one", "each"])
+def test_a_size_of_a_field_whose_crown_is_known(small_pitch, tmp_path, free):
+    """The crown is in the field, and not among what the labels tell."""
+    assert calibrate(tmp_path, small_pitch, options=[*free, "--crown", 0.2]) == 0
+    lines = [line for line in lines_of(tmp_path) if "K" in line]
+    assert [line["field"]["ground"]["crown"] for line in lines] == 4 * [0.2]
+    assert all("field_crown_m" not in line for line in lines)
+    assert np.all(np.array([line["field_length"] for line in lines]) < 104.0)
