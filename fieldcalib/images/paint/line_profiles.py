@@ -339,6 +339,9 @@ class Strips:
         if look.lighter is None:
             stripe = np.maximum(contrast, np.minimum(*sides) - luma[:, FLANK:-FLANK])  # less than 0 on an edge
             contrast = np.maximum(stripe, -EDGE * stripe)
+        elif look.lighter is False:  # than the ground; nets and posts are seen before anything
+            above = ~profiles.on_ground
+            contrast[above] = np.maximum(contrast, np.minimum(*sides) - luma[:, FLANK:-FLANK])[above]
         column, row = np.round(profiles.xy).astype(int).T
         return cls(
             profiles,

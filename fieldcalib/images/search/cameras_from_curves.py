@@ -131,10 +131,8 @@ class _Triples:
 
     def cameras(self, field: FieldLines, heights: tuple[float, float]) -> Cameras:
         """Solve for the cameras that have lines of a field in these lines, and a height within a range."""
-        pair_values, third_values = (field.across, field.along) if self.are_across else (field.along, field.across)
-        pair_reach, third_reach = (
-            (field.across_reach, field.along_reach) if self.are_across else (field.along_reach, field.across_reach)
-        )
+        both = (field.across, field.across_reach), (field.along, field.along_reach)
+        (pair_values, pair_reach), (third_values, third_reach) = both if self.are_across else both[::-1]
         two = np.array(list(combinations(range(len(pair_values)), 2)), dtype=np.intp).reshape(-1, 2)
         # two lines of the field determine the height; its range excludes most pairs before the third line is tried
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -207,13 +207,10 @@ def stands(cameras: Cameras, field: Field) -> BoolArray:
     fov = np.radians([stand.fov for stand in everywhere])
     low, high = heights(field)
     half_fov = np.arctan(0.5 * cameras.size[0] / cameras.f)
-    x, y, height = np.abs(cameras.C[:, 0]), np.abs(cameras.C[:, 1]), -cameras.C[:, 2]
-    half_length, half_width = field.half_extent
     good = (2.0 * half_fov > fov.min() / MARGIN_FOV) & (2.0 * half_fov < min(fov.max() * MARGIN_FOV, 2.6))
-    good &= (height > low) & (height < high)
-    if np.isfinite(field.farthest_camera):
-        good &= np.linalg.norm(cameras.C, axis=1) < field.farthest_camera
-    good &= (x > INSIDE * half_length) | (y > INSIDE * half_width)
+    good &= (-cameras.C[:, 2] > low) & (-cameras.C[:, 2] < high)
+    good &= np.linalg.norm(cameras.C, axis=1) < field.farthest_camera
+    good &= np.any(np.abs(cameras.C[:, :2]) > INSIDE * np.array(field.half_extent), axis=1)
     right = cameras.R[:, 0]  # the horizontal direction of the picture: level without roll
     return np.asarray(good & (np.abs(right[:, 2]) < np.sin(STEEPEST_ROLL)) & (cameras.R[:, 1, 2] > 0.0))
 
@@ -289,10 +286,9 @@ class _Quads:
             h1, h2, h3 = h1 * scale, h2 * scale, h3 * scale
         depth = np.stack([h3[:, 2], h3[:, 2] + h1[:, 2], h3[:, 2] + h2[:, 2], h3[:, 2] + h1[:, 2] + h2[:, 2]])
         good = np.all(depth > 0.0, axis=0) & np.all(np.isfinite(h1) & np.isfinite(h2) & np.isfinite(h3), axis=1)
+        corners = np.stack([h3, h3 + h1, h3 + h2, h3 + h1 + h2])[:, good]
+        good[good] = np.all(np.abs(corners[..., :2] / corners[..., 2:]) < FARTHEST_CORNER, axis=(0, 2))
         h1, h2, h3, a, b = h1[good], h2[good], h3[good], a[good], b[good]
-        corners = np.stack([h3, h3 + h1, h3 + h2, h3 + h1 + h2])
-        near = np.all(np.abs(corners[..., :2] / corners[..., 2:]) < FARTHEST_CORNER, axis=(0, 2))
-        h1, h2, h3, a, b = h1[near], h2[near], h3[near], a[near], b[near]
         # seen from above, y is to the right of x, and so it must be in the picture; else swap the two lines along the
         # field
         (xx, xy), (yx, yy) = (((h3 + h)[:, :2] / (h3 + h)[:, 2:] - h3[:, :2] / h3[:, 2:]).T for h in (h1, h2))

@@ -32,7 +32,9 @@ from fieldcalib.images.search.stripe_likelihood import Freedom, MarkingPoints, S
 from fieldcalib.images.search.stripes import AllStripes, StripeColours, Stripes, at_working_size
 from fieldcalib.io.image_files import Image
 
-ROUNDS = ((24, 4000), (60, 800), (300, 800))  # points per camera, and number of cameras kept for the next round
+POINTS = 300  # of the field, at which cameras are compared with stripes in the end
+MOST_FURNITURE = 40.0  # upper limit of the log likelihood ratio of what is above the ground
+ROUNDS = ((24, 4000), (60, 800), (POINTS, 800))  # points per camera, and number of cameras kept for the next round
 PULLED = 100  # best cameras that are pulled onto stripes, with the points of the second round
 ROWS = (-0.25, 0.0, 0.25)  # rows tried for a principal point anywhere, in widths of the picture from its middle
 CUT_OUT = 0.1  # picture widths: a larger deviation of a stand's principal point means pictures cut out of larger ones
@@ -59,6 +61,17 @@ class Ranked:
     """Log likelihood ratio of each camera, (B,)."""
     bend: Bend
     """The distortion of the picture."""
+    furniture: Array = field(default_factory=lambda: np.zeros(1))
+    """Log likelihood ratio of what each camera projects above the ground, (B,), within limits (`counted`)."""
+
+    def with_furniture(self, maps: StripeMaps, court: Field) -> Ranked:
+        """Weigh what is above the ground too, by the stripes of the picture without its distortion.
+
+        Where few lines are in view, it alone tells a near camera from a far one with a longer lens.
+        """
+        furniture = counted(maps.scores(self.cameras, MarkingPoints.of(court, POINTS, are_above=True)))
+        best = np.argsort(-self.score - furniture, kind="stable")
+        return Ranked(self.cameras.take(best), self.score[best], self.bend, furniture[best])
 
     def camera(self, index: int) -> Camera:
         """The camera at an index, with the lens of the picture."""
@@ -70,6 +83,11 @@ class Ranked:
             u, v, depth = np.moveaxis(self.cameras.projections @ np.column_stack([X, np.ones(len(X))]).T, 1, 0)
             xy = np.where((depth > 0.0)[..., None], np.stack([u, v], axis=-1) / depth[..., None], np.nan)
         return self.bend.bent(xy)
+
+
+def counted(furniture: Array | float) -> Array:
+    """Limit evidence from what is above the ground: that it is not found is none, as nets and boards may be away."""
+    return np.clip(furniture, 0.0, MOST_FURNITURE)
 
 
 def principal_point(field: Field) -> float:
@@ -179,7 +197,8 @@ class Rivals:
         xy = ranked.projected(grid_of(field))
         near = [distances(xy, xy[k], size, median=True) <= OTHER for k in refined]
         ends = [None if one is None else one.scaled(size).project(grid_of(field)) for one in refined.values()]
-        return cls(xy, ranked.score, np.array(near, dtype=bool).reshape(len(ends), len(xy)), ends, size)
+        of_refined = np.array(near, dtype=bool).reshape(len(ends), len(xy))
+        return cls(xy, ranked.score + ranked.furniture, of_refined, ends, size)
 
     def best_score(self, grids: Sequence[Array]) -> float:
         """Highest score among the cameras that project the field elsewhere than all `grids` (N, 2).
@@ -217,6 +236,8 @@ class PictureToSearch:
     """(height, width, 3), blue, green, red."""
     is_smaller: bool = False
     """Whether stripes are found in it at the size of a second look."""
+    is_darkest: bool = False
+    """Whether stripes are found in the darkest of its channels at each pixel, else in its luma."""
     _found: dict[bool | None, AllStripes] = field(default_factory=dict, repr=False)
     _used: dict[tuple[bool | None, bool], PictureStripes] = field(default_factory=dict, repr=False)
 
@@ -226,7 +247,7 @@ class PictureToSearch:
         `on_floor`: only those on the floor (`floor_of`), of which more are then used.
         """
         if lighter not in self._found:
-            self._found[lighter] = AllStripes.of(self._small, lighter=lighter)
+            self._found[lighter] = AllStripes.of(self._small, lighter=lighter, darkest=self.is_darkest)
         if (lighter, on_floor) not in self._used:
             bend = next((one.bend for one in self._used.values()), None)  # that of other stripes is the lens's too
             stripes = self._found[lighter].standing_out(self._floor if on_floor else None)
@@ -242,8 +263,13 @@ class PictureToSearch:
 
     @cached_property
     def smaller(self) -> PictureToSearch:
-        """The same picture for a second look."""
+        """The same picture for a second look at another size."""
         return PictureToSearch(self.image, is_smaller=True)
+
+    @cached_property
+    def darkest(self) -> PictureToSearch:
+        """The same picture for a second look by its darkest channels."""
+        return PictureToSearch(self.image, is_darkest=True)
 
     @cached_property
     def _floor(self) -> BoolArray:
@@ -276,7 +302,7 @@ class PictureStripes:
     def with_bend(self, a: float) -> PictureStripes:
         """Assume another distortion of the picture (`Bend.a`)."""
         bend = replace(self.bend, a=a)
-        return PictureStripes(self.seen, bend.straight(self.seen), self.colours, bend)
+        return self if bend == self.bend else replace(self, straight=bend.straight(self.seen), bend=bend, _ranked={})
 
     @cached_property
     def lines(self) -> LongLines:

@@ -15,7 +15,7 @@ refined on the picture, with lens                                      refine_co
   |  equal ones merged; evidence of the picture for each               here
   |  in halls again for the stripes on the floor alone, for those of each paint, for darker ones, and for both with the
   |  edges of painted areas, until one camera is sure                floor
-  |  elsewhere, if none is accepted, for those at another size of the picture
+  |  elsewhere, if none is accepted, for those of a second look at the picture
   v
 cameras with their probability of being right, accepted ones and those with the most evidence first
 
@@ -51,11 +51,14 @@ from fieldcalib.images.refinement import Refined, ToRefine, on_field_as_seen, re
 from fieldcalib.images.search.court_hypotheses import Cameras, are_above, stands
 from fieldcalib.images.search.court_ranking import (
     GRID,
+    MOST_FURNITURE,
+    POINTS,
     PictureStripes,
     PictureToSearch,
     Ranked,
     Rivals,
     are_apart,
+    counted,
     first_apart,
     grid_of,
     moved_by_steps,
@@ -89,11 +92,10 @@ LEAST_SCORE = 250.0  # with a lower score the markings in view must show their p
 LEAST_MEAN, LEAST_MISFIT = 0.2, 0.3  # lower limits of the evidence: smaller values carry no more information
 MOST_RIVAL = 1.3  # upper limit of `CourtEvidence.runner_up`
 MOST_OFF = 3  # upper limit of `CourtEvidence.off`
-MOST_FURNITURE = 40.0  # upper limit of `CourtEvidence.furniture`
 # limits of explained, runner_up, paint, mean and confirmed beyond which they are given as doubts
 FEW_EXPLAINED, RIVAL, LITTLE_PAINT, LITTLE, FEW_CONFIRMED = 0.85, 0.9, 0.7, 1.2, 4
-POINTS = 300  # of the field, at which cameras are compared with stripes
 FLOORS = ("floor", "wood")  # surfaces of halls, with lines of several sports, some of them darker than the ground
+LAWNS = ("grass", "turf")  # surfaces that are neither white nor grey
 PAINTS = 2  # paints whose stripes are searched alone, if the search among all stripes is not sure
 ENOUGH = 0.99  # probability of a camera above which no other stripes are searched
 # Logarithm of the odds that a camera leads to a right one if it is refined: constant, and coefficients of the logarithm
@@ -193,7 +195,8 @@ class CourtEvidence:
     """Share of the long stripes on the field, of the colour of the markings, that lie on projected markings, also those
     above the ground. Stripes are weighted by their contrast, since the grain of wood is striped too."""
     runner_up: float
-    """Score of the best camera of the search that projects the field elsewhere, divided by this camera's score."""
+    """Score, with that of its furniture, of the best camera of the search that projects the field elsewhere, divided by
+    this camera's."""
     paint: float
     """Share of the places along the markings in view that show paint (`fieldcalib.assess.paint_in_view`)."""
     visible: float
@@ -217,8 +220,7 @@ class CourtEvidence:
         mean, runner_up = np.log(max(self.mean, LEAST_MEAN)), min(self.runner_up, MOST_RIVAL)
         confirmed, misfit = np.log1p(self.confirmed), np.log(max(self.misfit, LEAST_MISFIT))
         off, above, edges = min(self.off, MOST_OFF), float(self.is_above), float(self.has_edges)
-        # furniture that is not found is no evidence: boards are folded, nets taken down
-        furniture = min(max(self.furniture, 0.0), MOST_FURNITURE) / MOST_FURNITURE
+        furniture = float(counted(self.furniture)) / MOST_FURNITURE
         return np.array([1.0, mean, self.explained, runner_up, confirmed, off, misfit, above, furniture, edges])
 
     @property
@@ -411,7 +413,7 @@ class Searched:
 
         Cameras that are alike share a probability, which says of none of them how well it lies on its paint.
         """
-        each = map(_court, self.candidates, self.probability)
+        each = [_court(*one, self.candidates) for one in zip(self.candidates, self.probability, strict=True)]
         return sorted(each, key=lambda one: (not one.calibration.accepted, -np.nan_to_num(one.evidence.odds)))
 
 
@@ -457,11 +459,12 @@ def _candidates(task: Task, field: Field, picture: PictureToSearch, *, sized: bo
 
 
 def _candidates_again(task: Task, field: Field, picture: PictureToSearch, *, sized: bool) -> Iterator[list[_Candidate]]:
-    """Yield the candidates at another size of the picture, where a camera explains some of its lines; not in halls.
+    """Yield the candidates of a second look at the picture, where a camera explains some of its lines; not in halls.
 
-    Which lines and arcs are found changes with the size, as with a row of the picture more or less.
+    On grass it is at the darkest channel of each pixel, in which white paint has the most contrast. Elsewhere it is at
+    another size: which lines and arcs are found changes with it, as with a row of the picture more or less.
     """
-    seen, lighter = picture.smaller, field.lines.lighter
+    lighter, seen = field.lines.lighter, picture.darkest if field.surface in LAWNS else picture.smaller
     ranked = picture.stripes(lighter=lighter).ranked(field, may_be_cut_out=True)
     if field.surface not in FLOORS and np.max(ranked.score, initial=0.0) > HOPELESS:
         stripes = seen.stripes(lighter=lighter)
@@ -488,11 +491,13 @@ def _of_ranked(
     assert field is not None
     if task.side == OPPOSITE:
         ranked = replace(ranked, cameras=ranked.cameras.turned(np.ones(len(ranked.score), dtype=bool)))
+    above = picture.stripes(lighter=True)
+    ranked = ranked.with_furniture(above.with_bend(ranked.bend.a).straight_maps, field)
     rivals = Rivals.of(ranked, field, {})
     started = [
         k
         for place, k in enumerate(_different(ranked, field))
-        if place == 0 or is_promising(stripes, rivals, field, ranked.camera(k))
+        if place == 0 or is_promising(stripes, rivals, field, ranked.camera(k), ranked.furniture[k])
     ]
     are_possible = are_above if from_above else stands
     refined = [
@@ -505,25 +510,36 @@ def _of_ranked(
     found = [one for one in fitted if _if_possible(one, field, are_possible)]  # the fit may have moved it elsewhere
     if sized:
         found = [on_field_as_seen(task, image, one.calibration) or one for one in found]
-    above = picture.stripes(lighter=True).maps
-    evidence = [_evidence(stripes, above, rivals, one) for one in found]
-    if from_above:
-        evidence = [replace(one, is_above=False) for one in evidence]
+    evidence = [_evidence(stripes, above.maps, rivals, one, from_above) for one in found]
     return [_Candidate(*one, stripes, from_above) for one in zip(found, evidence, strict=True)]
 
 
-def _court(candidate: _Candidate, probability: float) -> FoundCourt:
+def _court(candidate: _Candidate, probability: float, every: Sequence[_Candidate]) -> FoundCourt:
     """Judge a candidate, and add the other cameras that take the same picture."""
-    refined, evidence, maps = candidate.refined, candidate.evidence, candidate.stripes.maps
+    refined, evidence = candidate.refined, candidate.evidence
     least = LEAST_PROBABILITY_ABOVE if candidate.from_above else LEAST_PROBABILITY
     calibration = _judged(refined, evidence, probability, least)
     camera, field = refined.calibration.required_camera, _field_of(refined)
-    points, least = MarkingPoints.of(field, POINTS), ALIKE * evidence.score
-    moved = tuple(one for one in moved_by_steps(camera, field) if maps.score(one.scaled(maps.size), points)[0] >= least)
+    moved = _further_along(camera, field, candidate, [one.refined.calibration.required_camera for one in every])
     if moved and field.repeats is not None:
         repeats = Finding(What.REPEATS, numbers=(field.repeats,))
         calibration = with_findings(replace(calibration, alternatives=moved), repeats)
     return FoundCourt(calibration, evidence, probability, twin_of(camera, field), moved)
+
+
+def _further_along(camera: Camera, field: Field, found: _Candidate, every: Sequence[Camera]) -> tuple[Camera, ...]:
+    """Cameras some steps further along a field whose markings repeat that explain the picture as well as one `found`.
+
+    Where one of `every` camera was refined there, it stands for the moved one, whose lens and zoom are those of here.
+    """
+    maps, points, likely = found.stripes.maps, MarkingPoints.of(field, POINTS), list[Camera]()
+    seen = [one.scaled(maps.size).project(grid_of(field)) for one in every]
+    for there in moved_by_steps(camera, field):
+        apart = are_apart(np.array(seen), [there.scaled(maps.size).project(grid_of(field))], maps.size)
+        near = [there, *(one for one, away in zip(every, apart, strict=True) if not away and one is not camera)]
+        score = [maps.score(one.scaled(maps.size), points)[0] for one in near]
+        likely += [near[np.argmax(score)]] if max(score) >= ALIKE * found.evidence.score else []
+    return tuple(likely)
 
 
 def _field_of(refined: Refined) -> Field:
@@ -532,33 +548,37 @@ def _field_of(refined: Refined) -> Field:
     return refined.calibration.field
 
 
-def is_promising(stripes: PictureStripes, rivals: Rivals, field: Field, camera: Camera) -> bool:
-    """Whether a camera before refinement may lead to a right one."""
+def is_promising(stripes: PictureStripes, rivals: Rivals, field: Field, camera: Camera, furniture: float = 0.0) -> bool:
+    """Whether a camera before refinement may lead to a right one; `furniture` as in `Ranked`."""
     score, _, shown = stripes.maps.score(camera, MarkingPoints.of(field, POINTS))
     mean = np.log(max(score / max(shown, 1.0), LEAST_MEAN))
-    runner_up = min(rivals.best_score(seen_grids(camera, field)) / max(score, 1.0), MOST_RIVAL)
+    runner_up = min(rivals.best_score(seen_grids(camera, field)) / max(score + furniture, 1.0), MOST_RIVAL)
     most = PROMISE @ (1.0, mean, 1.0, runner_up) - LEAST_PROMISE  # if all stripes are explained
     return bool(most >= 0.0 and most >= PROMISE[2] * (1.0 - explained(stripes, field, camera)))
 
 
-def _evidence(stripes: PictureStripes, above: StripeMaps, rivals: Rivals, refined: Refined) -> CourtEvidence:
-    """Collect the evidence for a camera, and against it from its rivals; `above` has stripes off the floor too."""
+def _evidence(stripes: PictureStripes, off: StripeMaps, rivals: Rivals, refined: Refined, above: bool) -> CourtEvidence:
+    """Collect the evidence for a camera, and against it from its rivals; `off` has stripes off the floor too.
+
+    `above`: whether it was searched for above the field.
+    """
     field, size = _field_of(refined), stripes.maps.size
     camera = refined.calibration.required_camera.scaled(size)
     score, weight, shown = stripes.maps.score(camera, MarkingPoints.of(field, POINTS))
     markings = () if refined.paint is None else refined.paint.markings
+    furniture = off.score(camera, MarkingPoints.of(field, POINTS, are_above=True))[0]
     return CourtEvidence(
         score=score,
         mean=score / max(shown, 1.0),
         explained=explained(stripes, field, camera),
-        runner_up=rivals.best_score(seen_grids(camera, field)) / max(score, 1.0),
+        runner_up=rivals.best_score(seen_grids(camera, field)) / max(score + float(counted(furniture)), 1.0),
         paint=refined.paint_share,
         visible=shown / max(weight, 1.0),
         confirmed=sum(one.is_confirmed for one in markings),
         off=sum(one.is_off for one in markings),
         misfit=float(refined.calibration.rms / pixel_unit(refined.calibration.required_camera.image_size)),
-        is_above=bool(np.all(np.abs(camera.C[:2]) < ABOVE * np.array(field.half_extent))),
-        furniture=above.score(camera, MarkingPoints.of(field, POINTS, are_above=True))[0],
+        is_above=not above and bool(np.all(np.abs(camera.C[:2]) < ABOVE * np.array(field.half_extent))),
+        furniture=furniture,
         has_edges=field.lines.lighter is None,
     )
 

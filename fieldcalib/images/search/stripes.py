@@ -112,11 +112,12 @@ class AllStripes:
     """How much each stands out: its contrast over the mean response around it, (N,)."""
 
     @classmethod
-    def of(cls, image: Image, *, lighter: bool | None) -> AllStripes:
-        """Find the stripes of an image as `find_stripes` does."""
+    def of(cls, image: Image, *, lighter: bool | None, darkest: bool = False) -> AllStripes:
+        """Find the stripes of an image as `find_stripes` does, or in the darkest of its channels at each pixel."""
         import cv2
 
-        grey = cv2.transform(image, np.array([LUMA], np.float32)).astype(np.float32)
+        grey = image.min(axis=2) if darkest else cv2.transform(image, np.array([LUMA], np.float32))
+        grey = np.asarray(grey, np.float32)
         luma: Float32 = np.asarray(cv2.GaussianBlur(-grey if lighter is False else grey, (0, 0), BLUR), np.float32)
         sharp = _response(luma, either=lighter is None)
         response: Float32 = np.asarray(cv2.GaussianBlur(sharp, (0, 0), MIDDLE_BLUR), np.float32)

@@ -12,6 +12,7 @@ from pictures import picture
 from data_tools.score_courts import fitted
 from fieldcalib import Camera
 from fieldcalib.fields import tennis
+from fieldcalib.fields.catalogue import field_named
 from fieldcalib.images.search import court_search
 from fieldcalib.images.search.court_hypotheses import Cameras
 from fieldcalib.images.search.court_ranking import PictureToSearch, Ranked, Rivals
@@ -59,7 +60,7 @@ def test_of_cameras_that_share_a_probability_that_with_the_most_evidence_comes_f
         of_search = SimpleNamespace(accepted=accepted)
         return SimpleNamespace(calibration=of_search, evidence=SimpleNamespace(odds=odds))
 
-    monkeypatch.setattr(court_search, "_court", lambda candidate, probability: candidate)
+    monkeypatch.setattr(court_search, "_court", lambda candidate, probability, every: candidate)
     rough, close, refused, undetermined = court(0.14), court(4.08), court(9.0, accepted=False), court(np.nan, False)
     found = Searched([undetermined, rough, close, refused], [0.0, 0.87, 0.86, 0.86])  # rough is like one camera more
     assert found.courts == [close, rough, refused, undetermined]
@@ -67,6 +68,33 @@ def test_of_cameras_that_share_a_probability_that_with_the_most_evidence_comes_f
 
 def test_furniture_that_is_not_found_is_no_evidence():
     assert replace(EVIDENCE, furniture=-50.0).odds == replace(EVIDENCE, furniture=0.0).odds
+
+
+def test_furniture_orders_cameras_and_makes_rivals():
+    court = tennis()
+    aside = TENNIS.moved(TENNIS.R, TENNIS.C + (0.0, 0.0, 2.0))
+    ranked = Ranked(Cameras.of([aside, TENNIS], SIZE), np.array([300.0, 290.0]), Bend(0.0, SIZE))
+    best = ranked.with_furniture(PictureToSearch(picture(TENNIS, court)).stripes(lighter=True).maps, court)
+    np.testing.assert_array_equal(best.cameras.C, [TENNIS.C, aside.C])
+    assert best.score.tolist() == [290.0, 300.0]  # that of the ground alone
+    assert best.furniture[0] > best.furniture[1] + 10.0
+    assert Rivals.of(best, court, {}).score.tolist() == (best.score + best.furniture).tolist()
+
+
+def test_a_camera_that_was_refined_further_along_stands_for_the_moved_one():
+    field = field_named("rugby-league")
+    right = Camera.from_angles(0.1, 1.3, 0.0, 1000.0, (4.0, 80.0, -28.0), SIZE, k=(0.3, 0.0))
+    straight = Camera(right.K, right.R, right.C, SIZE)
+    wrong = straight.moved(straight.R, straight.C + (field.repeats, 0.0, 0.0))
+    found = SimpleNamespace(
+        stripes=PictureToSearch(picture(right, field)).stripes(lighter=True), evidence=SimpleNamespace(score=0.0)
+    )
+    alike = court_search._further_along(wrong, field, found, [wrong, right])
+    assert sum(one is right for one in alike) == 1
+    assert not any(one is wrong for one in alike)
+    assert not court_search._further_along(
+        wrong, field, SimpleNamespace(stripes=found.stripes, evidence=SimpleNamespace(score=1e6)), [wrong, right]
+    )
 
 
 def test_the_fit_recovers_coefficients():

@@ -1,5 +1,7 @@
 """Which of the cameras that were searched are rivals of one that was found."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pictures import picture
@@ -10,6 +12,7 @@ from data_tools.rink_points import rink_frames
 from fieldcalib import Camera
 from fieldcalib.fields import tennis
 from fieldcalib.fields.catalogue import field_named
+from fieldcalib.images.search import court_search
 from fieldcalib.images.search.court_hypotheses import Cameras
 from fieldcalib.images.search.court_ranking import (
     PictureToSearch,
@@ -77,6 +80,21 @@ def test_a_picture_is_looked_at_again_only_where_lines_are_explained_and_no_came
         seen = PictureToSearch(image)
         assert len([*searches_for(seen, FIELD)]) == searches
         assert not seen.smaller._found
+
+
+def test_white_paint_on_grass_is_found_in_the_darkest_channel():
+    image = np.full((360, 640, 3), (60, 200, 120), np.uint8)  # bright grass
+    image[178:182] = 164  # paint that is hardly brighter
+    seen = PictureToSearch(image)
+    assert len(seen.darkest.stripes(lighter=True).seen.xy) > 500 > 10 * len(seen.stripes(lighter=True).seen.xy)
+
+
+@pytest.mark.parametrize(("surface", "look"), [("grass", "darkest"), ("ice", "smaller")])
+def test_the_second_look_is_at_the_darkest_channel_on_grass_and_at_another_size_elsewhere(surface, look, monkeypatch):
+    monkeypatch.setattr(court_search, "LEAST_PROBABILITY", 2.0)  # no camera is ever accepted
+    seen = PictureToSearch(picture(SEARCHED[0], FIELD))
+    assert len([*searches_for(seen, replace(FIELD, surface=surface))]) == 3
+    assert [name for name in ("darkest", "smaller") if name in vars(seen)] == [look]
 
 
 def test_a_rink_is_found_by_a_second_look(shared_data):

@@ -377,6 +377,17 @@ def test_a_rendered_court_is_found(field, camera):
     np.testing.assert_allclose(twin.project(-X), found[0].calibration.required_camera.project(X))
 
 
+def test_a_net_tells_a_near_camera_from_a_far_one_where_three_lines_are_in_view():
+    field = field_named("beach-volleyball")  # dark lines, and a white net
+    camera = Camera.from_angles(np.radians(-35), np.radians(65), 0.0, 1300.0, (2.0, 15.0, -8.0), SIZE)
+    best, *others = find_courts(picture(camera, field), field)
+    assert best.calibration.verdict == Verdict.GOOD
+    assert Truth(camera, field).distance(best.calibration.required_camera) < 1.0
+    assert Truth(camera, field).distance(others[0].calibration.required_camera) > 20.0  # explains the three lines too
+    assert others[0].evidence.score > 0.9 * best.evidence.score
+    assert others[0].evidence.runner_up > best.evidence.runner_up + 0.1
+
+
 @pytest.mark.parametrize("width", [426, pytest.param(1920, marks=pytest.mark.slow)])
 def test_pictures_of_any_size_are_searched_alike(width):
     size = (width, width * 9 // 16)
