@@ -13,7 +13,7 @@ from fieldcalib.fields.catalogue import COMPARED
 from fieldcalib.fields.catalogue import field as field_named
 from fieldcalib.fields.field import Field
 from fieldcalib.images.from_images import How, calibrate_alone, calibrate_from_images
-from fieldcalib.images.search.court_ranking import PictureToSearch
+from fieldcalib.images.search.court_ranking import POINTS, PictureToSearch
 from fieldcalib.images.search.court_search import searches_for
 from fieldcalib.images.search.stripe_likelihood import MarkingPoints
 from fieldcalib.io.image_files import Image
@@ -21,7 +21,6 @@ from fieldcalib.localize import Network
 from fieldcalib.localize.point_selection import classes_without_segment
 from fieldcalib.solve.request import Task
 
-POINTS = 300  # of a field's markings, at which a camera from the network is compared with the stripes in the picture
 MARGIN = 0.8  # of the best score: a field that reaches it explains the pictures about as well
 LIKELY = 0.4  # of the best score before refinement: fields below are not searched for
 # The same of the score of an accepted camera: in 20 pictures refinement on all stripes raises a score by 6 % at most

@@ -336,12 +336,11 @@ class Strips:
         luma = np.tensordot(-LUMA if look.lighter is False else LUMA, colour, axes=1)
         sides = luma[:, : -2 * FLANK], luma[:, 2 * FLANK :]
         contrast = luma[:, FLANK:-FLANK] - np.maximum(*sides)
-        if look.lighter is None:
+        if look.lighter is not True:
             stripe = np.maximum(contrast, np.minimum(*sides) - luma[:, FLANK:-FLANK])  # less than 0 on an edge
-            contrast = np.maximum(stripe, -EDGE * stripe)
-        elif look.lighter is False:  # than the ground; nets and posts are seen before anything
-            above = ~profiles.on_ground
-            contrast[above] = np.maximum(contrast, np.minimum(*sides) - luma[:, FLANK:-FLANK])[above]
+            # where lines are darker than the ground, nets and posts may still be lighter than what is behind them
+            above = np.where(profiles.on_ground[:, None], contrast, stripe)
+            contrast = above if look.lighter is False else np.maximum(stripe, -EDGE * stripe)
         column, row = np.round(profiles.xy).astype(int).T
         return cls(
             profiles,

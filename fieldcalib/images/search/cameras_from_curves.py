@@ -22,7 +22,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 
@@ -45,7 +44,6 @@ from fieldcalib.images.search.long_lines import LongLines
 FACTOR = 1.15  # between successive focal lengths
 LEVEL = np.radians(10.0)  # largest roll: broadcast cameras are level to 1 degree, those in halls to 8
 SMALLEST = 1.5  # m, radius: smaller circles are spots
-FORWARD = np.array([0.0, 0.0, 1.0])
 
 
 def few_line_hypotheses(lines: LongLines, field: Field, size: tuple[int, int], widened: float = 1.0) -> Cameras:
@@ -133,7 +131,7 @@ class _Triples:
         """Solve for the cameras that have lines of a field in these lines, and a height within a range."""
         both = (field.across, field.across_reach), (field.along, field.along_reach)
         (pair_values, pair_reach), (third_values, third_reach) = both if self.are_across else both[::-1]
-        two = np.array(list(combinations(range(len(pair_values)), 2)), dtype=np.intp).reshape(-1, 2)
+        two = np.column_stack(np.triu_indices(len(pair_values), 1))
         # two lines of the field determine the height; its range excludes most pairs before the third line is tried
         with np.errstate(divide="ignore", invalid="ignore"):
             height = np.diff(pair_values[two], axis=1)[:, 0] / np.diff(self.u, axis=1)
@@ -238,7 +236,7 @@ class SeenCircles:
         centre = np.linalg.solve(Q, down[:, :, None])[:, :, 0]  # the pole of the horizon
         with np.errstate(divide="ignore", invalid="ignore"):
             centre /= np.sum(centre * down, axis=1)[:, None]
-            across = unit(np.cross(down, FORWARD))
+            across = unit(np.cross(down, (0.0, 0.0, 1.0)))
             of_centre, of_across = (np.einsum("ni,nij,nj->n", v, Q, v) for v in (centre, across))
             radius = np.sqrt(-of_centre / of_across)
         good = (np.abs(down[:, 0]) < np.sin(LEVEL)) & (down[:, 1] > 0.0) & (centre[:, 2] > 0.0) & (radius > 0.0)

@@ -56,11 +56,6 @@ class Cameras:
         return len(self.f)
 
     @classmethod
-    def none(cls, size: tuple[int, int]) -> Cameras:
-        """No cameras."""
-        return cls(np.zeros(0), np.zeros((0, 2)), np.zeros((0, 3, 3)), np.zeros((0, 3)), size)
-
-    @classmethod
     def centred(cls, f: Array, R: Array, C: Array, size: tuple[int, int]) -> Cameras:
         """Cameras with the principal point in the middle, at one position each, C (B, 3), or all at one (3,)."""
         return cls(f, np.tile(0.5 * np.array(size), (len(f), 1)), R, np.broadcast_to(C, (len(f), 3)), size)
@@ -68,7 +63,7 @@ class Cameras:
     @classmethod
     def joined(cls, parts: Iterable[Cameras], size: tuple[int, int]) -> Cameras:
         """Concatenate the cameras of several parts, which may be none."""
-        every = [cls.none(size), *parts]
+        every = [cls(np.zeros(0), np.zeros((0, 2)), np.zeros((0, 3, 3)), np.zeros((0, 3)), size), *parts]
         f, c, R, C = (np.concatenate([getattr(one, name) for one in every]) for name in ("f", "c", "R", "C"))
         return cls(f, c, R, C, size)
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import islice
 from typing import TypeAlias
 
 import numpy as np
@@ -77,6 +78,11 @@ class Ranked:
         """The camera at an index, with the lens of the picture."""
         return self.bend.with_lens(self.cameras.camera(index))
 
+    def different(self, court: Field, least: float, apart: float, most: int, *, median: bool) -> list[int]:
+        """Indices of the best cameras above a score that project the field over `apart` pixels from all before."""
+        xy, likely = self.projected(grid_of(court)), np.flatnonzero(self.score > least).tolist()
+        return list(islice(first_apart(xy, likely, self.bend.size, apart, median=median), most))
+
     def projected(self, X: Array) -> Array:
         """Pixels (B, N, 2) of points X (N, 3) in the picture; NaN behind a camera."""
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -87,7 +93,7 @@ class Ranked:
 
 def counted(furniture: Array | float) -> Array:
     """Limit evidence from what is above the ground: that it is not found is none, as nets and boards may be away."""
-    return np.clip(furniture, 0.0, MOST_FURNITURE)
+    return np.asarray(np.clip(furniture, 0.0, MOST_FURNITURE))
 
 
 def principal_point(field: Field) -> float:
@@ -97,7 +103,6 @@ def principal_point(field: Field) -> float:
 
 def _likeliest(maps: StripeMaps, cameras: Cameras, field: Field) -> tuple[Cameras, Array]:
     """Select the most likely cameras in rounds, with more points for fewer cameras; the best one first, with scores."""
-    score = np.zeros(len(cameras))
     for points, kept in ROUNDS:
         cameras, score = in_order(maps, cameras, MarkingPoints.of(field, points), kept)
     return cameras, score
@@ -195,10 +200,9 @@ class Rivals:
         """
         size = ranked.bend.size
         xy = ranked.projected(grid_of(field))
-        near = [distances(xy, xy[k], size, median=True) <= OTHER for k in refined]
+        near = np.reshape([distances(xy, xy[k], size, median=True) <= OTHER for k in refined], (len(refined), len(xy)))
         ends = [None if one is None else one.scaled(size).project(grid_of(field)) for one in refined.values()]
-        of_refined = np.array(near, dtype=bool).reshape(len(ends), len(xy))
-        return cls(xy, ranked.score + ranked.furniture, of_refined, ends, size)
+        return cls(xy, ranked.score + ranked.furniture, near, ends, size)
 
     def best_score(self, grids: Sequence[Array]) -> float:
         """Highest score among the cameras that project the field elsewhere than all `grids` (N, 2).
@@ -238,6 +242,7 @@ class PictureToSearch:
     """Whether stripes are found in it at the size of a second look."""
     is_darkest: bool = False
     """Whether stripes are found in the darkest of its channels at each pixel, else in its luma."""
+    _again: dict[bool, PictureToSearch] = field(default_factory=dict, repr=False)
     _found: dict[bool | None, AllStripes] = field(default_factory=dict, repr=False)
     _used: dict[tuple[bool | None, bool], PictureStripes] = field(default_factory=dict, repr=False)
 
@@ -261,15 +266,9 @@ class PictureToSearch:
     def _small(self) -> Image:
         return at_working_size(self.image, smaller=self.is_smaller)
 
-    @cached_property
-    def smaller(self) -> PictureToSearch:
-        """The same picture for a second look at another size."""
-        return PictureToSearch(self.image, is_smaller=True)
-
-    @cached_property
-    def darkest(self) -> PictureToSearch:
-        """The same picture for a second look by its darkest channels."""
-        return PictureToSearch(self.image, is_darkest=True)
+    def again(self, *, darkest: bool) -> PictureToSearch:
+        """The same picture for a second look, in its darkest channels or at another size."""
+        return self._again.setdefault(darkest, PictureToSearch(self.image, not darkest, darkest))
 
     @cached_property
     def _floor(self) -> BoolArray:
@@ -341,8 +340,9 @@ class PictureStripes:
 
     def ranked_clear(self, court: Field) -> Ranked:
         """Rank as `ranked` does, but without the many cameras that project three lines of the field onto three."""
-        found = Cameras.joined(self._clear(court), self.bend.size)
-        return Ranked(*_ranked(self.straight_maps, found, court), self.bend)
+        return Ranked(
+            *_ranked(self.straight_maps, Cameras.joined(self._clear(court), self.maps.size), court), self.bend
+        )
 
     def ranked_from_above(self, court: Field) -> Ranked:
         """Rank the cameras that look down on a field."""

@@ -34,19 +34,18 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from itertools import islice
 
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.findings import Finding, Status, What
 from fieldcalib.assess.paint_in_view import MarkingInView
-from fieldcalib.assess.result import Calibration, with_findings
+from fieldcalib.assess.result import Calibration, doubted, with_findings
 from fieldcalib.fields.field import OPPOSITE, Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.camera_side import twin_of
 from fieldcalib.images.paint.detected_lines import calibrate_on_lines, detected_lines
-from fieldcalib.images.paint.line_profiles import Markings, profiles_along
+from fieldcalib.images.paint.line_profiles import UPRIGHT, Markings, profiles_along
 from fieldcalib.images.refinement import Refined, ToRefine, on_field_as_seen, refine_all
 from fieldcalib.images.search.court_hypotheses import Cameras, are_above, stands
 from fieldcalib.images.search.court_ranking import (
@@ -81,16 +80,18 @@ MARGIN = 0.02  # of the half extent: markings at the border of the field belong 
 # frames of clips, rinks, a hall, synthetic frames and rendered views of measured cameras under their own field; courts,
 # rinks, a hall, soccer and no field under other fields.
 COEFFICIENTS = np.array([-2.28, 2.91, 4.81, -8.63, 2.02, -1.25, -1.65, -4.86, 1.66, -1.02])
-# Least probability of an accepted camera. In 264 pictures searched for the right field a camera is right in 238. Of
-# these 233 are accepted with this threshold and 232 with 0.75; of the wrong ones one with either. None is accepted in
-# 179 pictures searched for other fields; not counted is that of the NBA on a floor of FIBA, accepted in four of four.
-LEAST_PROBABILITY = 0.65
+# Least probability of an accepted camera. Of 444 pictures, 160 of them under other fields, right cameras of 270 are
+# accepted with this threshold and of 264 with 0.65, wrong ones of four with either; further wrong ones have 0.47 at
+# most. Of cameras with 0.5 to 0.97 in frames rendered of fields that the fit did not know, 47 of 48 are right.
+LEAST_PROBABILITY = 0.55
 # Seen from above, rectangles of one field look like those of another: in 117 pictures searched for other fields wrong
 # cameras have up to 0.92, while right ones have 1.00 in nine drone pictures and 30 rendered ones.
 LEAST_PROBABILITY_ABOVE = 0.95
 LEAST_SCORE = 250.0  # with a lower score the markings in view must show their paint, as three lines fit many cameras
 LEAST_MEAN, LEAST_MISFIT = 0.2, 0.3  # lower limits of the evidence: smaller values carry no more information
-MOST_RIVAL = 1.3  # upper limit of `CourtEvidence.runner_up`
+# Limits of `CourtEvidence.runner_up`. That there is hardly a rival says little where few cameras are proposed, as for a
+# field of four lines; with this lower limit the probabilities of 444 pictures are less surprising by a tenth.
+LEAST_RIVAL, MOST_RIVAL = 0.4, 1.3
 MOST_OFF = 3  # upper limit of `CourtEvidence.off`
 # limits of explained, runner_up, paint, mean and confirmed beyond which they are given as doubts
 FEW_EXPLAINED, RIVAL, LITTLE_PAINT, LITTLE, FEW_CONFIRMED = 0.85, 0.9, 0.7, 1.2, 4
@@ -102,20 +103,18 @@ ENOUGH = 0.99  # probability of a camera above which no other stripes are search
 # of `CourtEvidence.mean`, of `explained` and of `runner_up`, fitted to 1,525 cameras in 179 pictures. Of each right
 # and accepted camera at least one start has -2.5 or more; of those that lead to none, two thirds have less than -3.
 PROMISE, LEAST_PROMISE = np.array([-0.13, 4.89, 3.37, -6.03]), -3.0
-HOPELESS = 60.0  # score up to which cameras are not refined
-REFINED = 4  # cameras at most that are refined on the picture
-APART = 15.0  # px: of cameras whose projections of the field differ by less, only the best one is refined
+HOPELESS, REFINED = 60.0, 4  # score up to which cameras are not refined, and how many at most are
+# px: of cameras whose projections of the field differ by less, only the best one is refined, or refined ones are the same
+APART, SAME = 15.0, 8.0
 ABOVE = 0.95  # of the half extent, within which a camera is above the field; a backboard or a goal is further out
 SURE = 0.75  # least probability of a camera that is sure enough to decide which markings are hidden
-SAME = 8.0  # px: refined cameras whose projections of the field differ by less are the same
 NOTHING = (
     Status.TOO_FEW_SEGMENTS,
     "no camera was found by search: two lines across the field and one along it must show, one across and two along, "
     "or a line and a circle",
     FOUND,
 )
-UNDETERMINED = "the lines near its markings do not determine it"
-ALIKE = 0.9  # share of a camera's score that a camera moved along the field must reach to be an alternative
+ALIKE = 0.9  # share of a camera's score, with furniture, that one moved along the field must reach to be an alternative
 
 
 def with_hidden_markings(calibration: Calibration) -> Calibration:
@@ -217,7 +216,7 @@ class CourtEvidence:
     @property
     def features(self) -> Array:
         """Features of the logistic model, (10,): 1 and the evidence; mean, confirmed and misfit as logarithms."""
-        mean, runner_up = np.log(max(self.mean, LEAST_MEAN)), min(self.runner_up, MOST_RIVAL)
+        mean, runner_up = np.log(max(self.mean, LEAST_MEAN)), min(max(self.runner_up, LEAST_RIVAL), MOST_RIVAL)
         confirmed, misfit = np.log1p(self.confirmed), np.log(max(self.misfit, LEAST_MISFIT))
         off, above, edges = min(self.off, MOST_OFF), float(self.is_above), float(self.has_edges)
         furniture = float(counted(self.furniture)) / MOST_FURNITURE
@@ -378,8 +377,7 @@ def search_courts(task: Task, images: Sequence[Image], *, estimate_size: bool = 
         raise ValueError("courts are searched for a Field, whose size is known: without one a network is needed")
     if not task.given.is_empty:
         raise ValueError("of a camera that is searched for nothing may be given: leave it out, or give a network")
-    every = map(PictureToSearch, images)
-    found = ([*_searches(task, field, one, estimate_size=estimate_size)][-1].courts for one in every)
+    found = ([*_searches(task, field, PictureToSearch(one), estimate_size=estimate_size)][-1].courts for one in images)
     return [one[0].calibration if one else Calibration.without_camera(*NOTHING) for one in found]
 
 
@@ -392,11 +390,6 @@ class _Candidate:
     stripes: PictureStripes
     from_above: bool = False
     """Whether it was searched for among cameras that look down on the field."""
-
-    @property
-    def odds(self) -> float:
-        """Odds that the camera is right; 0 if its errors are not known."""
-        return 0.0 if self.refined.calibration.solved is None else self.evidence.odds
 
 
 @dataclass(frozen=True, eq=False)
@@ -426,7 +419,8 @@ def _searches(task: Task, field: Field, picture: PictureToSearch, *, estimate_si
             return
         for found in views(task, field, picture, sized=sized):
             every = [*searched.candidates, *found]
-            probability = probabilities(np.array([one.odds for one in every]), _are_alike(every)).tolist()
+            odds = [0.0 if one.refined.calibration.solved is None else one.evidence.odds for one in every]
+            probability = probabilities(np.array(odds), _are_alike(every)).tolist()
             searched = Searched(every, probability)
             yield searched
             if any(p >= ENOUGH and one.refined.judged.accepted for p, one in zip(probability, every, strict=True)):
@@ -464,7 +458,7 @@ def _candidates_again(task: Task, field: Field, picture: PictureToSearch, *, siz
     On grass it is at the darkest channel of each pixel, in which white paint has the most contrast. Elsewhere it is at
     another size: which lines and arcs are found changes with it, as with a row of the picture more or less.
     """
-    lighter, seen = field.lines.lighter, picture.darkest if field.surface in LAWNS else picture.smaller
+    lighter, seen = field.lines.lighter, picture.again(darkest=field.surface in LAWNS)
     ranked = picture.stripes(lighter=lighter).ranked(field, may_be_cut_out=True)
     if field.surface not in FLOORS and np.max(ranked.score, initial=0.0) > HOPELESS:
         stripes = seen.stripes(lighter=lighter)
@@ -496,7 +490,7 @@ def _of_ranked(
     rivals = Rivals.of(ranked, field, {})
     started = [
         k
-        for place, k in enumerate(_different(ranked, field))
+        for place, k in enumerate(ranked.different(field, HOPELESS, APART, REFINED, median=False))
         if place == 0 or is_promising(stripes, rivals, field, ranked.camera(k), ranked.furniture[k])
     ]
     are_possible = are_above if from_above else stands
@@ -507,11 +501,26 @@ def _of_ranked(
     ends = [None if one is None else one.calibration.camera for one in refined]
     rivals = Rivals.of(ranked, field, dict(zip(started, ends, strict=True)))
     fitted = with_errors(task, field, image, _merged([one for one in refined if one is not None], field))
-    found = [one for one in fitted if _if_possible(one, field, are_possible)]  # the fit may have moved it elsewhere
+    checked = [_without_lone(task, one) for one in fitted]
+    found = [one for one in checked if _if_possible(one, field, are_possible)]  # the fit may have moved it elsewhere
     if sized:
         found = [on_field_as_seen(task, image, one.calibration) or one for one in found]
     evidence = [_evidence(stripes, above.maps, rivals, one, from_above) for one in found]
     return [_Candidate(*one, stripes, from_above) for one in zip(found, evidence, strict=True)]
+
+
+def _without_lone(task: Task, refined: Refined) -> Refined:
+    """Leave out a post on which alone of all above the ground a camera rests: it may be the goal's other one."""
+    calibration, markings = refined.calibration, Markings.of(task.object_segments)
+    is_upright = np.abs(markings.along[:, 2]) > UPRIGHT
+    above, upright = ({markings.labels[k] for k in markings.member[some]} for some in (~markings.on_ground, is_upright))
+    lone = above & calibration.pixel_counts.keys()
+    if calibration.solved is None or len(lone) != 1 or not lone <= upright:
+        return refined
+    pixels, camera = calibration.solved.pixels, calibration.required_camera
+    others = pixels.take(pixels.label != pixels.labels.index(*lone))
+    (again,) = calibrate_on_lines(task, [others], camera.image_size, [camera])
+    return replace(refined, calibration=again) if doubted(again, 0.5) is not again else refined
 
 
 def _court(candidate: _Candidate, probability: float, every: Sequence[_Candidate]) -> FoundCourt:
@@ -520,25 +529,31 @@ def _court(candidate: _Candidate, probability: float, every: Sequence[_Candidate
     least = LEAST_PROBABILITY_ABOVE if candidate.from_above else LEAST_PROBABILITY
     calibration = _judged(refined, evidence, probability, least)
     camera, field = refined.calibration.required_camera, _field_of(refined)
-    moved = _further_along(camera, field, candidate, [one.refined.calibration.required_camera for one in every])
+    cameras = [one.refined.calibration.required_camera for one in every]
+    moved = _further_along(camera, field, candidate.stripes.maps, cameras)
     if moved and field.repeats is not None:
         repeats = Finding(What.REPEATS, numbers=(field.repeats,))
         calibration = with_findings(replace(calibration, alternatives=moved), repeats)
     return FoundCourt(calibration, evidence, probability, twin_of(camera, field), moved)
 
 
-def _further_along(camera: Camera, field: Field, found: _Candidate, every: Sequence[Camera]) -> tuple[Camera, ...]:
-    """Cameras some steps further along a field whose markings repeat that explain the picture as well as one `found`.
+def _further_along(camera: Camera, field: Field, maps: StripeMaps, every: Sequence[Camera]) -> tuple[Camera, ...]:
+    """Cameras some steps further along a field whose markings repeat that explain the picture, goals too, as well.
 
     Where one of `every` camera was refined there, it stands for the moved one, whose lens and zoom are those of here.
     """
-    maps, points, likely = found.stripes.maps, MarkingPoints.of(field, POINTS), list[Camera]()
-    seen = [one.scaled(maps.size).project(grid_of(field)) for one in every]
+    points = [MarkingPoints.of(field, POINTS, are_above=are_above) for are_above in (False, True)]
+
+    def likelihood(one: Camera) -> float:
+        ground, furniture = (maps.score(one.scaled(maps.size), some)[0] for some in points)
+        return ground + float(counted(furniture))
+
+    likely, seen = list[Camera](), [one.scaled(maps.size).project(grid_of(field)) for one in every]
     for there in moved_by_steps(camera, field):
         apart = are_apart(np.array(seen), [there.scaled(maps.size).project(grid_of(field))], maps.size)
-        near = [there, *(one for one, away in zip(every, apart, strict=True) if not away and one is not camera)]
-        score = [maps.score(one.scaled(maps.size), points)[0] for one in near]
-        likely += [near[np.argmax(score)]] if max(score) >= ALIKE * found.evidence.score else []
+        near = [one for one, away in zip(every, apart, strict=True) if not away and one is not camera]
+        best = max((there, *near), key=likelihood)
+        likely += [best] if likelihood(best) >= ALIKE * likelihood(camera) else []
     return tuple(likely)
 
 
@@ -593,18 +608,12 @@ def _are_alike(candidates: Sequence[_Candidate]) -> BoolArray:
     return np.array(alike, dtype=bool).reshape(len(grids), len(grids))
 
 
-def _different(ranked: Ranked, field: Field) -> list[int]:
-    """Indices of the best cameras that project the field differently, at most `REFINED`."""
-    xy, likely = ranked.projected(grid_of(field)), np.flatnonzero(ranked.score > HOPELESS).tolist()
-    return list(islice(first_apart(xy, likely, ranked.bend.size, APART, median=False), REFINED))
-
-
 def _judged(refined: Refined, evidence: CourtEvidence, probability: float, least: float) -> Calibration:
     """Judge a refined camera: its calibration is "probably wrong" without enough evidence."""
     calibration = refined.judged
     if not calibration.accepted or (probability >= least and evidence.is_enough):
         return with_hidden_markings(calibration) if probability >= SURE else calibration
-    doubts = (UNDETERMINED,) if calibration.solved is None else evidence.doubts
+    doubts = evidence.doubts if calibration.solved is not None else ("the lines near its markings do not determine it",)
     doubt = "; ".join((f"{FOUND}, right with a probability of {probability:.2f}", *doubts))
     said = replace(calibration, status=Status.IMPROBABLE, message=f"{doubt}; {calibration.message}")
     return said if said.has_finding(What.SEARCHED) else with_findings(said, FOUND)

@@ -87,7 +87,9 @@ def long_lines(stripes: Stripes, most: int) -> LongLines:
         for _ in range(FITS):
             if np.count_nonzero(on) * 1.0 < SHORTEST / PIECE:
                 break
-            normal, offset = _fitted(xy[on])
+            centre = xy[on].mean(axis=0)
+            normal = np.linalg.eigh(np.cov((xy[on] - centre).T))[1][:, 0]  # total least squares
+            offset = float(normal @ centre)
             on = left & _is_on(xy, across, normal, offset, NEAR, ALIKE)
         along = xy[on] @ (-normal[1], normal[0])
         length = PIECE * len(np.unique(np.floor(along / PIECE)))
@@ -96,7 +98,7 @@ def long_lines(stripes: Stripes, most: int) -> LongLines:
         ends = np.quantile(along, ENDS)[:, None] * (-normal[1], normal[0]) + offset * normal + middle
         found.append((normal, offset + float(normal @ middle), ends, length))
         own = left & _is_on(xy, across, normal, offset, OWN, OWN_ALIKE)
-        votes.withdraw(np.flatnonzero(own))
+        np.subtract.at(votes.count, votes.cells[own].ravel(), 1)
         left &= ~own
     found.sort(key=lambda line: -line[-1])
     parts = [np.array([line[k] for line in found], dtype=float) for k in range(4)]
@@ -135,10 +137,6 @@ class _Votes:
         angle = np.radians(row * DEGREES)
         return np.array([np.cos(angle), np.sin(angle)]), PIXELS * (column - self.shape[1] // 2)
 
-    def withdraw(self, stripes: IntArray) -> None:
-        """Take back the votes of some stripes."""
-        np.subtract.at(self.count, self.cells[stripes].ravel(), 1)
-
 
 def _is_on(xy: Array, across: Array, normal: Array, offset: float, near: float, alike: float) -> BoolArray:
     """Whether each stripe lies on a line and runs along it."""
@@ -146,13 +144,6 @@ def _is_on(xy: Array, across: Array, normal: Array, offset: float, near: float, 
     turn = across[on] - np.arctan2(normal[1], normal[0])
     on[on] = np.abs(turn - np.pi * np.round(turn / np.pi)) < alike
     return np.asarray(on)
-
-
-def _fitted(xy: Array) -> tuple[Array, float]:
-    """Fit a line to pixels by total least squares; returns its normal and offset."""
-    centre = xy.mean(axis=0)
-    normal = np.linalg.eigh(np.cov((xy - centre).T))[1][:, 0]
-    return normal, float(normal @ centre)
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import islice, permutations
 
 import numpy as np
 
@@ -39,7 +38,6 @@ from fieldcalib.images.search.court_ranking import (
     PictureStripes,
     Ranked,
     distances,
-    first_apart,
     grid_of,
     in_order,
     principal_point,
@@ -98,10 +96,6 @@ class Place:
         low, high = np.log(np.array(self.zoom) * width)
         return np.asarray(np.exp(np.arange(low, high + 1e-9, 2.0 * step / width)))
 
-    def is_near(self, camera: Camera) -> bool:
-        """Whether a camera's position agrees with the place."""
-        return float(np.linalg.norm((camera.C - self.C) / self.sigma)) < NEARBY
-
     def stand(self, field: Field) -> CameraDistribution:
         """The place as a prior: the nearest stand of the field, narrowed to the place."""
         middle = np.array([[sum(stand.x) / 2.0, sum(stand.y) / 2.0, sum(stand.z) / 2.0] for stand in field.stands])
@@ -155,18 +149,13 @@ def search_from(task: Task, field: Field, image: Image, place: Place) -> Calibra
     if not len(ranked.cameras):
         return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NOTHING)
     known = replace(task, prior=(place.stand(field),))
-    cameras = [ranked.camera(k) for k in _to_refine(ranked, field)]
+    least = min(RIVAL * ranked.score[0], ranked.score[0] - 1.0)
+    cameras = [ranked.camera(k) for k in ranked.different(field, least, OTHER, REFINED, median=True)]
     refined = with_errors(known, field, image, refine_courts(known, field, image, cameras))
     found = [one.judged for one in refined]
     accepted = [one for one in found if one.accepted]
-    at_place = [one for one in accepted if place.is_near(one.required_camera)]
+    at_place = [one for one in accepted if np.linalg.norm((one.required_camera.C - place.C) / place.sigma) < NEARBY]
     return _best(at_place or accepted, stripes.maps, field) if accepted else found[0]
-
-
-def _to_refine(ranked: Ranked, field: Field) -> list[int]:
-    """Indices of the best camera and of different ones that explain the picture nearly as well."""
-    xy, near = ranked.projected(grid_of(field)), np.flatnonzero(ranked.score > RIVAL * ranked.score[0]).tolist()
-    return list(islice(first_apart(xy, [0, *near], ranked.bend.size, OTHER, median=True), REFINED))
 
 
 def _best(found: Sequence[Calibration], maps: StripeMaps, field: Field) -> Calibration:
@@ -241,7 +230,7 @@ def _through_pairs(line: Array, ends: Array, on_field: LinesFromPlace, place: Pl
     ``(n1 . n2 F + c1 c2)^2 = k^2 (F + c1^2) (F + c2^2)``, which is quadratic in F.
     """
     one, other = np.triu_indices(len(line), 1)
-    pair = np.array(list(permutations(range(len(on_field.axis)), 2)), dtype=np.intp).reshape(-1, 2)
+    pair = np.argwhere(~np.eye(len(on_field.axis), dtype=bool))
     k = np.square(np.sum(on_field.normal[pair[:, 0]] * on_field.normal[pair[:, 1]], axis=1))
     n = np.sum(line[one, :2] * line[other, :2], axis=1)[:, None]
     c1, c2 = line[one, 2][:, None], line[other, 2][:, None]
@@ -340,10 +329,7 @@ def place_of(found: Sequence[Calibration], share: float | None = None) -> Place 
     if not accepted:
         return None
     share = share or (LAST if len(accepted) >= AGREE else FIRST)
-    return _place(voted_centres(accepted, 1)[0], share, [one.required_camera for one in accepted])
-
-
-def _place(C: Array, share: float, cameras: Sequence[Camera]) -> Place:
+    C, cameras = voted_centres(accepted, 1)[0], [one.required_camera for one in accepted]
     zoom = [camera.focal_length / camera.image_size[0] for camera in cameras]
     bend = float(np.median([Bend.of(camera).a for camera in cameras]))
     return Place(C, np.full(3, share * float(np.linalg.norm(C))), (min(zoom) / ZOOM, max(zoom) * ZOOM), bend)

@@ -86,15 +86,19 @@ def test_a_camera_that_was_refined_further_along_stands_for_the_moved_one():
     right = Camera.from_angles(0.1, 1.3, 0.0, 1000.0, (4.0, 80.0, -28.0), SIZE, k=(0.3, 0.0))
     straight = Camera(right.K, right.R, right.C, SIZE)
     wrong = straight.moved(straight.R, straight.C + (field.repeats, 0.0, 0.0))
-    found = SimpleNamespace(
-        stripes=PictureToSearch(picture(right, field)).stripes(lighter=True), evidence=SimpleNamespace(score=0.0)
-    )
-    alike = court_search._further_along(wrong, field, found, [wrong, right])
+    maps = PictureToSearch(picture(right, field)).stripes(lighter=True).maps
+    alike = court_search._further_along(wrong, field, maps, [wrong, right])
     assert sum(one is right for one in alike) == 1
     assert not any(one is wrong for one in alike)
-    assert not court_search._further_along(
-        wrong, field, SimpleNamespace(stripes=found.stripes, evidence=SimpleNamespace(score=1e6)), [wrong, right]
-    )
+
+
+def test_a_goal_in_view_tells_how_far_along_a_field_a_camera_is():
+    field = field_named("american-football-nfl")
+    stand = Camera.from_angles(0.0, 1.25, 0.0, 1500.0, (40.0, 75.0, -22.0), SIZE)
+    maps = PictureToSearch(picture(stand, field)).stripes(lighter=True).maps
+    level = replace(field, segments={label: one for label, one in field.items() if not label.startswith("Goal right")})
+    assert court_search._further_along(stand, level, maps, [stand])
+    assert not court_search._further_along(stand, field, maps, [stand])
 
 
 def test_the_fit_recovers_coefficients():

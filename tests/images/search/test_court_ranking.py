@@ -79,22 +79,26 @@ def test_a_picture_is_looked_at_again_only_where_lines_are_explained_and_no_came
     for image, searches in ((picture(SEARCHED[0], FIELD), 1), (nonsense(0), 2)):  # all stripes, and from above
         seen = PictureToSearch(image)
         assert len([*searches_for(seen, FIELD)]) == searches
-        assert not seen.smaller._found
+        assert not any(look._found for look in seen._again.values())
 
 
 def test_white_paint_on_grass_is_found_in_the_darkest_channel():
     image = np.full((360, 640, 3), (60, 200, 120), np.uint8)  # bright grass
     image[178:182] = 164  # paint that is hardly brighter
     seen = PictureToSearch(image)
-    assert len(seen.darkest.stripes(lighter=True).seen.xy) > 500 > 10 * len(seen.stripes(lighter=True).seen.xy)
+    assert (
+        len(seen.again(darkest=True).stripes(lighter=True).seen.xy) > 500 > 10 * len(seen.stripes(lighter=True).seen.xy)
+    )
 
 
-@pytest.mark.parametrize(("surface", "look"), [("grass", "darkest"), ("ice", "smaller")])
-def test_the_second_look_is_at_the_darkest_channel_on_grass_and_at_another_size_elsewhere(surface, look, monkeypatch):
+@pytest.mark.parametrize(("surface", "is_darkest"), [("grass", True), ("ice", False)])
+def test_the_second_look_is_at_the_darkest_channel_on_grass_and_at_another_size_elsewhere(
+    surface, is_darkest, monkeypatch
+):
     monkeypatch.setattr(court_search, "LEAST_PROBABILITY", 2.0)  # no camera is ever accepted
     seen = PictureToSearch(picture(SEARCHED[0], FIELD))
     assert len([*searches_for(seen, replace(FIELD, surface=surface))]) == 3
-    assert [name for name in ("darkest", "smaller") if name in vars(seen)] == [look]
+    assert [darkest for darkest, look in seen._again.items() if look._found] == [is_darkest]
 
 
 def test_a_rink_is_found_by_a_second_look(shared_data):
