@@ -104,7 +104,7 @@ ENOUGH = 0.99  # probability of a camera above which no other stripes are search
 # and accepted camera at least one start has -2.5 or more; of those that lead to none, two thirds have less than -3.
 PROMISE, LEAST_PROMISE = np.array([-0.13, 4.89, 3.37, -6.03]), -3.0
 HOPELESS, REFINED = 60.0, 4  # score up to which cameras are not refined, and how many at most are
-# px: of cameras whose projections of the field differ by less, only the best one is refined, or refined ones are the same
+# px: of cameras whose projections of the field differ by less only the best is refined; refined ones are the same
 APART, SAME = 15.0, 8.0
 ABOVE = 0.95  # of the half extent, within which a camera is above the field; a backboard or a goal is further out
 SURE = 0.75  # least probability of a camera that is sure enough to decide which markings are hidden

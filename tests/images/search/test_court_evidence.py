@@ -3,6 +3,7 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,14 +11,17 @@ from hypothesis import strategies as st
 from pictures import picture
 
 from data_tools.score_courts import fitted
-from fieldcalib import Camera
+from fieldcalib import Camera, calibrate_from_segments
 from fieldcalib.fields import tennis
 from fieldcalib.fields.catalogue import field_named
+from fieldcalib.images.paint.line_profiles import Markings, find_lines, profiles_along
+from fieldcalib.images.refinement import Refined
 from fieldcalib.images.search import court_search
 from fieldcalib.images.search.court_hypotheses import Cameras
 from fieldcalib.images.search.court_ranking import PictureToSearch, Ranked, Rivals
 from fieldcalib.images.search.court_search import CourtEvidence, Searched, explained, is_promising, probabilities
 from fieldcalib.images.search.long_lines import Bend
+from fieldcalib.solve.request import Task
 
 SIZE = (1280, 720)
 TENNIS = Camera.from_angles(np.radians(92), np.radians(76), 0.01, 2300.0, (-38.0, 1.0, -10.0), SIZE)
@@ -42,6 +46,7 @@ def test_probabilities_of_cameras_that_differ_add_up_to_less_than_one(odds, seed
         {"mean": 1.0},
         {"explained": 0.6},
         {"runner_up": 1.0},
+        {"runner_up": 0.7},
         {"confirmed": 2},
         {"off": 2},
         {"is_above": True},
@@ -64,6 +69,10 @@ def test_of_cameras_that_share_a_probability_that_with_the_most_evidence_comes_f
     rough, close, refused, undetermined = court(0.14), court(4.08), court(9.0, accepted=False), court(np.nan, False)
     found = Searched([undetermined, rough, close, refused], [0.0, 0.87, 0.86, 0.86])  # rough is like one camera more
     assert found.courts == [close, rough, refused, undetermined]
+
+
+def test_that_there_is_no_rival_at_all_says_little():
+    assert replace(EVIDENCE, runner_up=0.0).odds == replace(EVIDENCE, runner_up=0.4).odds > 3.0 * EVIDENCE.odds
 
 
 def test_furniture_that_is_not_found_is_no_evidence():
@@ -90,6 +99,47 @@ def test_a_camera_that_was_refined_further_along_stands_for_the_moved_one():
     alike = court_search._further_along(wrong, field, maps, [wrong, right])
     assert sum(one is right for one in alike) == 1
     assert not any(one is wrong for one in alike)
+
+
+@pytest.mark.parametrize(("paint", "found"), [(230, True), (20, True), (120, False)])
+def test_a_net_is_found_lighter_or_darker_where_lines_are_darker_than_the_ground(paint, found):
+    field = field_named("beach-volleyball")
+    camera = Camera.from_angles(np.radians(-35), np.radians(65), 0.0, 1300.0, (2.0, 15.0, -8.0), SIZE)
+    image = np.full((*SIZE[::-1], 3), 120, np.uint8)
+    for label in ("Net upper edge", "Side line top"):
+        ends = np.round(camera.project([field[label].start, field[label].end])).astype(int)
+        cv2.line(image, *ends, (paint,) * 3, 4, cv2.LINE_AA)
+    markings = Markings.of(field)
+    profiles = profiles_along(camera, markings)
+    share = {
+        label: np.mean(np.isfinite(find_lines(image, profiles, 4.0)[profiles.member == markings.labels.index(label)]))
+        for label in ("Net upper edge", "Side line top")
+    }
+    assert (share["Net upper edge"] > 0.7) == found
+    assert (share["Side line top"] > 0.7) == (paint < 120)
+
+
+@pytest.mark.parametrize("label", ["Goal left post top", "Goal left post bottom"])
+def test_a_camera_does_not_rest_on_one_post_which_may_be_the_other_one(label):
+    field, size = field_named("rugby-league"), (960, 540)
+    stand = Camera.from_angles(0.1, 1.25, 0.0, 1494.0, (-44.0, 89.0, -29.0), size, k=(0.14, 0.0))
+
+    def seen(name):
+        xy = stand.project(field[name].sample(1.0))
+        return xy[np.all((xy > 0.0) & (xy < size), axis=1)]  # without those behind the camera
+
+    lines = ["Touchline top", "Goal line left", "Dead-ball line left", *(f"{k}0-metre line left" for k in range(1, 5))]
+    ground = {name: seen(name) for name in lines}
+    posts = {name: seen(name) for name in ("Goal left post top", "Goal left post bottom")}
+    lone, both = (
+        calibrate_from_segments(field, ground | raised, size)
+        for raised in ({"Goal left post top": posts[label]}, posts)
+    )
+    assert lone.probability() > 0.8  # as nothing contradicts it, right or wrong
+    without = court_search._without_lone(Task(field), Refined(lone, 0.5)).calibration
+    assert without.pixel_counts.keys() == ground.keys()
+    assert without.probability() < 0.2
+    assert court_search._without_lone(Task(field), Refined(both, 0.5)).calibration is both
 
 
 def test_a_goal_in_view_tells_how_far_along_a_field_a_camera_is():
