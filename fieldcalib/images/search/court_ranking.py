@@ -186,6 +186,8 @@ class Rivals:
     """Grid on the field as each camera projects it, pixels (B, N, 2)."""
     score: Array
     """Score of each camera, (B,)."""
+    furniture: Array
+    """As in `Ranked`."""
     near: Array
     """Whether each camera is near to each of the refined cameras before refinement, (M, B)."""
     ends: list[Array | None]
@@ -202,10 +204,12 @@ class Rivals:
         xy = ranked.projected(grid_of(field))
         near = np.reshape([distances(xy, xy[k], size, median=True) <= OTHER for k in refined], (len(refined), len(xy)))
         ends = [None if one is None else one.scaled(size).project(grid_of(field)) for one in refined.values()]
-        return cls(xy, ranked.score + ranked.furniture, near, ends, size)
+        return cls(xy, ranked.score, ranked.furniture, near, ends, size)
 
-    def best_score(self, grids: Sequence[Array]) -> float:
+    def best_score(self, grids: Sequence[Array], furniture: float = 0.0) -> float:
         """Highest score among the cameras that project the field elsewhere than all `grids` (N, 2).
+
+        Their furniture counts up to that of the camera whose rivals they are: among many, one meets a crowd by chance.
 
         Cameras near to one that refinement moves onto one of these grids, or for which it fails, do not count.
         """
@@ -213,7 +217,8 @@ class Rivals:
         for near, end in zip(self.near, self.ends, strict=True):
             if end is None or not are_apart(end[None], grids, self.size)[0]:
                 are_rivals &= ~near
-        return float(np.max(self.score[are_rivals], initial=0.0))
+        score = self.score + np.minimum(self.furniture, furniture)
+        return float(np.max(score[are_rivals], initial=0.0))
 
 
 def moved_by_steps(camera: Camera, field: Field) -> list[Camera]:

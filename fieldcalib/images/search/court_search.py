@@ -529,7 +529,7 @@ def _court(candidate: _Candidate, probability: float, every: Sequence[_Candidate
     least = LEAST_PROBABILITY_ABOVE if candidate.from_above else LEAST_PROBABILITY
     calibration = _judged(refined, evidence, probability, least)
     camera, field = refined.calibration.required_camera, _field_of(refined)
-    cameras = [one.refined.calibration.required_camera for one in every]
+    cameras = [one.refined.calibration.required_camera for one in every if one.refined.calibration.solved is not None]
     moved = _further_along(camera, field, candidate.stripes.maps, cameras)
     if moved and field.repeats is not None:
         repeats = Finding(What.REPEATS, numbers=(field.repeats,))
@@ -550,10 +550,12 @@ def _further_along(camera: Camera, field: Field, maps: StripeMaps, every: Sequen
 
     likely, seen = list[Camera](), [one.scaled(maps.size).project(grid_of(field)) for one in every]
     for there in moved_by_steps(camera, field):
-        apart = are_apart(np.array(seen), [there.scaled(maps.size).project(grid_of(field))], maps.size)
+        apart = are_apart(
+            np.reshape(seen, (len(seen), GRID * GRID, 2)), [there.scaled(maps.size).project(grid_of(field))], maps.size
+        )
         near = [one for one, away in zip(every, apart, strict=True) if not away and one is not camera]
-        best = max((there, *near), key=likelihood)
-        likely += [best] if likelihood(best) >= ALIKE * likelihood(camera) else []
+        best = max(near or [there], key=likelihood)
+        likely += [best] if max(likelihood(best), likelihood(there)) >= ALIKE * likelihood(camera) else []
     return tuple(likely)
 
 
@@ -567,7 +569,7 @@ def is_promising(stripes: PictureStripes, rivals: Rivals, field: Field, camera: 
     """Whether a camera before refinement may lead to a right one; `furniture` as in `Ranked`."""
     score, _, shown = stripes.maps.score(camera, MarkingPoints.of(field, POINTS))
     mean = np.log(max(score / max(shown, 1.0), LEAST_MEAN))
-    runner_up = min(rivals.best_score(seen_grids(camera, field)) / max(score + furniture, 1.0), MOST_RIVAL)
+    runner_up = min(rivals.best_score(seen_grids(camera, field), furniture) / max(score + furniture, 1.0), MOST_RIVAL)
     most = PROMISE @ (1.0, mean, 1.0, runner_up) - LEAST_PROMISE  # if all stripes are explained
     return bool(most >= 0.0 and most >= PROMISE[2] * (1.0 - explained(stripes, field, camera)))
 
@@ -582,11 +584,12 @@ def _evidence(stripes: PictureStripes, off: StripeMaps, rivals: Rivals, refined:
     score, weight, shown = stripes.maps.score(camera, MarkingPoints.of(field, POINTS))
     markings = () if refined.paint is None else refined.paint.markings
     furniture = off.score(camera, MarkingPoints.of(field, POINTS, are_above=True))[0]
+    rival = rivals.best_score(seen_grids(camera, field), float(counted(furniture)))
     return CourtEvidence(
         score=score,
         mean=score / max(shown, 1.0),
         explained=explained(stripes, field, camera),
-        runner_up=rivals.best_score(seen_grids(camera, field)) / max(score + float(counted(furniture)), 1.0),
+        runner_up=rival / max(score + float(counted(furniture)), 1.0),
         paint=refined.paint_share,
         visible=shown / max(weight, 1.0),
         confirmed=sum(one.is_confirmed for one in markings),

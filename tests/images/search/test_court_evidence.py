@@ -18,7 +18,7 @@ from fieldcalib.images.paint.line_profiles import Markings, find_lines, profiles
 from fieldcalib.images.refinement import Refined
 from fieldcalib.images.search import court_search
 from fieldcalib.images.search.court_hypotheses import Cameras
-from fieldcalib.images.search.court_ranking import PictureToSearch, Ranked, Rivals
+from fieldcalib.images.search.court_ranking import PictureToSearch, Ranked, Rivals, grid_of
 from fieldcalib.images.search.court_search import CourtEvidence, Searched, explained, is_promising, probabilities
 from fieldcalib.images.search.long_lines import Bend
 from fieldcalib.solve.request import Task
@@ -87,7 +87,10 @@ def test_furniture_orders_cameras_and_makes_rivals():
     np.testing.assert_array_equal(best.cameras.C, [TENNIS.C, aside.C])
     assert best.score.tolist() == [290.0, 300.0]  # that of the ground alone
     assert best.furniture[0] > best.furniture[1] + 10.0
-    assert Rivals.of(best, court, {}).score.tolist() == (best.score + best.furniture).tolist()
+    rivals, away = Rivals.of(best, court, {}), [np.zeros_like(grid_of(court)[:, :2])]
+    assert rivals.best_score(away) == 300.0
+    assert rivals.best_score(away, 5.0) == 305.0 - max(5.0 - best.furniture[1], 0.0)  # up to that of another camera
+    assert rivals.best_score(away, 40.0) == max(best.score + best.furniture)
 
 
 def test_a_camera_that_was_refined_further_along_stands_for_the_moved_one():
