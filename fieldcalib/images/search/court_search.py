@@ -540,7 +540,7 @@ def _court(candidate: _Candidate, probability: float, every: Sequence[_Candidate
 def _further_along(camera: Camera, field: Field, maps: StripeMaps, every: Sequence[Camera]) -> tuple[Camera, ...]:
     """Cameras some steps further along a field whose markings repeat that explain the picture, goals too, as well.
 
-    Where one of `every` camera was refined there, it stands for the moved one, whose lens and zoom are those of here.
+    Where one of `every` camera was refined there, it is given too: the moved one has the lens and zoom of here.
     """
     points = [MarkingPoints.of(field, POINTS, are_above=are_above) for are_above in (False, True)]
 
@@ -554,8 +554,7 @@ def _further_along(camera: Camera, field: Field, maps: StripeMaps, every: Sequen
             np.reshape(seen, (len(seen), GRID * GRID, 2)), [there.scaled(maps.size).project(grid_of(field))], maps.size
         )
         near = [one for one, away in zip(every, apart, strict=True) if not away and one is not camera]
-        best = max(near or [there], key=likelihood)
-        likely += [best] if max(likelihood(best), likelihood(there)) >= ALIKE * likelihood(camera) else []
+        likely += [one for one in (there, *near) if likelihood(one) >= ALIKE * likelihood(camera)]
     return tuple(likely)
 
 
