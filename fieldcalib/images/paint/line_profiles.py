@@ -44,6 +44,7 @@ LUMA = np.array([0.114, 0.587, 0.299], np.float32)
 EDGE = np.float32(0.5)  # weight of the contrast on the edge of an area: less than that of a line along the edge
 LEAST_SIGNAL = 2.5  # times the median absolute deviation of the contrast in a profile; 5: 8 not accepted
 OTHER_COLOUR = 4.0  # times the median colour difference of ground: what differs more is not ground; 99 % of ground less
+GLARE, COLOURED = 218.0, 0.7  # luma of ground too light for paint; its darkest channel, as a share of its lightest
 SAME_GROUND = 0.2  # of a line's contrast: smaller colour differences between both sides come from lossy compression
 PAST_END_FROM, PAST_END_STEP, PAST_END_STEPS = 0.6, 0.25, 31  # m: where paint past the end of a line is looked for
 NOISE_WINDOW = 12.0  # px on both sides, at least, in which the median absolute deviation is measured; 6: 6 not accepted
@@ -320,6 +321,8 @@ class Strips:
     """Whether both sides of each sample have the colour of ground, or the marking is above the ground, (n, m)."""
     is_black: BoolArray
     """Whether the pixel of the profile is black, (n,): it lies in a black border."""
+    is_glaring: BoolArray
+    """Whether the ground beside it is coloured, but nearly as light as white paint, (n,): grass in the sun."""
 
     @classmethod
     def of(cls, image: Image, profiles: Profiles, search_range: float, *, past_others: bool = False) -> Strips:
@@ -350,6 +353,7 @@ class Strips:
             contrast,
             _is_ground(colour, contrast, profiles.on_ground, look.ground_difference) | ~profiles.on_ground[:, None],
             ~np.any(image[row, column], axis=-1),
+            _is_glaring(colour),
         )
 
     @property
@@ -383,6 +387,7 @@ class Strips:
             contrast=self.contrast[samples],
             may_be_line=self.may_be_line[samples],
             is_black=self.is_black[index],
+            is_glaring=self.is_glaring[index],
         )
 
     def lines(self, search_range: float) -> Array:
@@ -502,6 +507,16 @@ def _is_ground(colour: Float32, contrast: Float32, on_ground: BoolArray, largest
     difference = np.max(np.abs(share - usual[..., None]), axis=0)
     usual_colour = difference < max(OTHER_COLOUR * spread, 2.0 * largest)
     return np.asarray(alike & usual_colour[:, : -2 * FLANK] & usual_colour[:, 2 * FLANK :])
+
+
+def _is_glaring(colour: Float32) -> BoolArray:
+    """Whether the ground on a side of the middle of each profile is coloured, but nearly as light as white, (n,).
+
+    `colour` (3, n, m) is blue, green, red.
+    """
+    sides = colour[..., [colour.shape[-1] // 2 + flank for flank in (-FLANK, FLANK)]]
+    is_coloured = np.min(sides, axis=0) < COLOURED * np.max(sides, axis=0)
+    return np.asarray(np.any(is_coloured & (np.tensordot(LUMA, sides, axes=1) > GLARE), axis=1))
 
 
 def _median(values: Float32) -> Float32:

@@ -114,7 +114,8 @@ class Ridges:
         strips = wide.part(np.flatnonzero(wide.profiles.on_ground), BAND, past_others=True)
         profiles = strips.profiles
         offset, may_be_line = strips.ridges(BAND, PEAKS)
-        shown = np.flatnonzero(~strips.is_black)
+        is_on = np.any(np.abs(offset) < ON_PAINT * strips.unit, axis=1)
+        shown = np.flatnonzero(~strips.is_black & (is_on | ~strips.is_glaring))
         xy = profiles.xy[:, None] + offset[..., None] * profiles.normal[:, None]
         raised = wide.profiles.take(np.flatnonzero(~wide.profiles.on_ground))
         return cls(profiles.take(shown), xy[shown].astype(np.float32), may_be_line[shown], raised, strips.unit)

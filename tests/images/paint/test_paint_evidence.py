@@ -199,6 +199,20 @@ def accepted():
     return found
 
 
+def test_no_paint_is_expected_on_grass_in_glaring_sun():
+    """White paint on overexposed grass is hardly lighter; in shadow, where it would be seen, it is missing."""
+    line = FIELD["Side line right"].sample(0.5)
+    band = np.concatenate([PENALTY_AREA.project(line + (x, 0.0, 0.0)) for x in (-1.5, 1.5)])
+    hull = cv2.convexHull(band[np.all(np.abs(band) < 1e4, axis=1)].astype(np.float32)).astype(int)
+    is_unseen = {}
+    for light, grass in (("sun", (110, 250, 225)), ("shadow", (60, 141, 80))):
+        image = cv2.fillConvexPoly(PICTURE.copy(), hull, grass)
+        seen = {one.label: one for one in evidence(image, PENALTY_AREA, MARKINGS).markings}
+        is_unseen[light] = "Side line right" in seen and seen["Side line right"].is_unseen
+        assert seen["Big rect. right main"].share > 0.9
+    assert is_unseen == {"sun": False, "shadow": True}
+
+
 def test_marking_beside_its_paint_is_a_concern():
     on = MarkingInView("Side line top", 700.0, 30, 0.95, 0.0)
     found = accepted().seen_in_image([on, MarkingInView("Middle line", 200.0, 12, 0.1, 17.2)])
