@@ -383,7 +383,7 @@ def _lines(
 
 def _support(strips: Strips, lines: Array, search_range: float = SEARCH_RANGES[-1]) -> float:
     """Line support (see `line_support`) from the signed distances `lines` (n,) between lines and projected markings."""
-    offset = lines[~strips.is_black]
+    offset = lines[~strips.is_blind]
     share = np.maximum(1.0 - np.abs(offset) / (0.5 * search_range * strips.unit), 0.0)
     return float(np.mean(np.nan_to_num(share))) if len(share) else 0.0
 
@@ -398,8 +398,8 @@ def line_support(image: Image, camera: Camera, markings: Markings, search_range:
     """Support of a camera by the lines in an image, from 0 to 1.
 
     The mean over profiles across the projected markings of ``max(1 - 2 |offset| / search_range, 0)``, where the offset
-    is the distance of the line from the marking; a profile without a line counts 0. Profiles in black borders do not
-    count.
+    is the distance of the line from the marking; a profile without a line counts 0. Profiles where paint cannot be
+    seen (`Strips.is_blind`) do not count.
 
     Parameters
     ----------

@@ -40,21 +40,8 @@ from fieldcalib.solve.batch import compute_errors
 
 SHEET_FRAMES = 12  # frames in the contact sheet of the worst ones
 
-WORDS = {  # names in tripods.json by those in `fieldcalib.problem.layout`; others are coefficients of the lens
-    "x": "position_x_m",
-    "y": "position_y_m",
-    "z": "position_z_m",
-    "axis offset": "centre_ahead_of_axes_m",
-    "cx": "principal_point_x_px",
-    "cy": "principal_point_y_px",
-    "cx slope": "principal_point_x_px_per_log_focal_length",
-    "cy slope": "principal_point_y_px_per_log_focal_length",
-    "a1 slope": "lens_a1_per_log_focal_length",
-    "a1 bend": "lens_a1_per_squared_log_focal_length",
-    "length": "field_length_m",
-    "width": "field_width_m",
-    "crown": "field_crown_m",
-}
+# Names in tripods.json by those in `fieldcalib.problem.layout`; others are coefficients of the lens
+WORDS: Mapping[str, str] = json.loads(Path(__file__).with_name("tripod_names.json").read_text("utf-8"))
 
 
 _Written = tuple[Frame, Calibration | None, Image | None]  # no calibration: cannot be read; no image: not drawn

@@ -319,10 +319,8 @@ class Strips:
     may be either, that of the two, or on an edge a share of the smaller difference from both sides."""
     may_be_line: BoolArray
     """Whether both sides of each sample have the colour of ground, or the marking is above the ground, (n, m)."""
-    is_black: BoolArray
-    """Whether the pixel of the profile is black, (n,): it lies in a black border."""
-    is_glaring: BoolArray
-    """Whether the ground beside it is coloured, but nearly as light as white paint, (n,): grass in the sun."""
+    is_blind: BoolArray
+    """Whether paint cannot be seen there, (n,): in a black border, and on grass in glaring sun, as light as paint."""
 
     @classmethod
     def of(cls, image: Image, profiles: Profiles, search_range: float, *, past_others: bool = False) -> Strips:
@@ -352,8 +350,7 @@ class Strips:
             np.arange(-half - 1, half + 2) * spacing[:, None],
             contrast,
             _is_ground(colour, contrast, profiles.on_ground, look.ground_difference) | ~profiles.on_ground[:, None],
-            ~np.any(image[row, column], axis=-1),
-            _is_glaring(colour),
+            ~np.any(image[row, column], axis=-1) | _is_glaring(colour),
         )
 
     @property
@@ -386,8 +383,7 @@ class Strips:
             offset=self.offset[samples],
             contrast=self.contrast[samples],
             may_be_line=self.may_be_line[samples],
-            is_black=self.is_black[index],
-            is_glaring=self.is_glaring[index],
+            is_blind=self.is_blind[index],
         )
 
     def lines(self, search_range: float) -> Array:

@@ -115,7 +115,7 @@ class Ridges:
         profiles = strips.profiles
         offset, may_be_line = strips.ridges(BAND, PEAKS)
         is_on = np.any(np.abs(offset) < ON_PAINT * strips.unit, axis=1)
-        shown = np.flatnonzero(~strips.is_black & (is_on | ~strips.is_glaring))
+        shown = np.flatnonzero(is_on | ~strips.is_blind)
         xy = profiles.xy[:, None] + offset[..., None] * profiles.normal[:, None]
         raised = wide.profiles.take(np.flatnonzero(~wide.profiles.on_ground))
         return cls(profiles.take(shown), xy[shown].astype(np.float32), may_be_line[shown], raised, strips.unit)
@@ -253,7 +253,7 @@ def _across_net(image: Image, camera: Camera, markings: Markings, height: float 
     profiles = profiles_along(camera, higher)
     edges = [markings.labels.index(label) for label in markings.net]
     strips = wide_strips(image, profiles.take(np.flatnonzero(np.isin(profiles.member, edges))))
-    strips = strips.part(np.flatnonzero(~strips.is_black), BAND, past_others=True)
+    strips = strips.part(np.flatnonzero(~strips.is_blind), BAND, past_others=True)
     return strips.profiles, strips.ridges(BAND, PEAKS)[0], strips.unit
 
 

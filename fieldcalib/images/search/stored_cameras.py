@@ -103,7 +103,7 @@ class StoredCamera:
                 return Seen(0.0, np.inf, motion)
             motion = np.linalg.lstsq(across[off < near], lines[off < near], rcond=None)[0]
             off = np.nan_to_num(np.abs(lines - across @ motion), nan=np.inf)
-        share = np.mean(np.maximum(1.0 - off / near, 0.0)[~strips.is_black])
+        share = np.mean(np.maximum(1.0 - off / near, 0.0)[~strips.is_blind])
         moved = np.sum(np.square(np.tensordot(motion, ways, axes=1)), axis=0)
         return Seen(float(share), float(np.sqrt(np.mean(moved))), motion)
 
