@@ -350,7 +350,7 @@ class Strips:
             np.arange(-half - 1, half + 2) * spacing[:, None],
             contrast,
             _is_ground(colour, contrast, profiles.on_ground, look.ground_difference) | ~profiles.on_ground[:, None],
-            ~np.any(image[row, column], axis=-1) | _is_glaring(colour),
+            ~np.any(image[row, column], axis=-1) | (_is_glaring(colour) & (look.lighter is True)),
         )
 
     @property

@@ -74,6 +74,10 @@ class Ranked:
         best = np.argsort(-self.score - furniture, kind="stable")
         return Ranked(self.cameras.take(best), self.score[best], self.bend, furniture[best])
 
+    def furniture_of(self, index: int) -> float:
+        """The log likelihood ratio of the furniture of the camera at an index; 0 if it does not count."""
+        return float(np.broadcast_to(self.furniture, self.score.shape)[index])
+
     def camera(self, index: int) -> Camera:
         """The camera at an index, with the lens of the picture."""
         return self.bend.with_lens(self.cameras.camera(index))

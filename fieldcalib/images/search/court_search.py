@@ -486,12 +486,13 @@ def _of_ranked(
     if task.side == OPPOSITE:
         ranked = replace(ranked, cameras=ranked.cameras.turned(np.ones(len(ranked.score), dtype=bool)))
     above = picture.stripes(lighter=True)
-    ranked = ranked.with_furniture(above.with_bend(ranked.bend.a).straight_maps, field)
+    if field.surface not in FLOORS:  # in halls nets and baskets of other courts are in view
+        ranked = ranked.with_furniture(above.with_bend(ranked.bend.a).straight_maps, field)
     rivals = Rivals.of(ranked, field, {})
     started = [
         k
         for place, k in enumerate(ranked.different(field, HOPELESS, APART, REFINED, median=False))
-        if place == 0 or is_promising(stripes, rivals, field, ranked.camera(k), ranked.furniture[k])
+        if place == 0 or is_promising(stripes, rivals, field, ranked.camera(k), ranked.furniture_of(k))
     ]
     are_possible = are_above if from_above else stands
     refined = [
