@@ -519,7 +519,7 @@ def _without_lone(task: Task, refined: Refined) -> Refined:
     if calibration.solved is None or len(lone) != 1 or not lone <= upright:
         return refined
     pixels, camera = calibration.solved.pixels, calibration.required_camera
-    others = pixels.take(pixels.label != pixels.labels.index(*lone))
+    others = pixels.of_labels(set(pixels.labels) - lone)
     (again,) = calibrate_on_lines(task, [others], camera.image_size, [camera])
     return replace(refined, calibration=again) if doubted(again, 0.5) is not again else refined
 

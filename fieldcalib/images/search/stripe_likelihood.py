@@ -93,13 +93,7 @@ class StripeMaps:
             np.add.at(count, (row[own], column[own]), np.float32(1.0))
             distance = np.minimum(cv2.distanceTransform(empty, cv2.DIST_L2, 3), np.float32(FARTHEST / CELL))
             mean = cv2.boxFilter(count, -1, (around, around), borderType=cv2.BORDER_REFLECT)
-            # likelihood ratio of a point that is seen, N(d) / (2 rho exp(-2 rho d)) (see the module)
-            d, rate = (
-                np.float32(CELL) * distance,
-                2.0 * np.maximum(mean / np.float32(CELL * CELL), np.float32(SPARSEST)),
-            )
-            exponent = d * (rate - np.float32(0.5 / sigma**2) * d)  # 2 rho d - d^2 / (2 sigma^2)
-            table[k] = np.float32(np.sqrt(2.0 / np.pi) / sigma) * np.exp(exponent) / rate
+            table[k] = _ratio(np.float32(CELL) * distance, mean / np.float32(CELL * CELL), sigma)
         return cls(table, stripes.size)
 
     def scores(self, cameras: Cameras, points: MarkingPoints) -> Array:
@@ -151,6 +145,13 @@ class StripeMaps:
 def _seen(width: Pixels) -> Pixels:
     """Share s of points whose paint is found, by its width in the picture, px."""
     return np.asarray(SEEN * width / (width + HALF_SEEN))
+
+
+def _ratio(distance: Float32, density: Float32, sigma: float) -> Float32:
+    """Likelihood ratio of a point that is seen, ``N(d) / (2 rho exp(-2 rho d))`` (see the module)."""
+    rate = 2.0 * np.maximum(density, np.float32(SPARSEST))
+    exponent = distance * (rate - np.float32(0.5 / sigma**2) * distance)  # 2 rho d - d^2 / (2 sigma^2)
+    return np.asarray(np.float32(np.sqrt(2.0 / np.pi) / sigma) * np.exp(exponent) / rate, np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,10 +257,7 @@ def _step(cameras: Cameras, maps: StripeMaps, points: MarkingPoints, reach: floa
     pulls = np.isfinite(x) & (np.take_along_axis(likely, best[..., None], axis=2)[..., 0] > LEAST)
     weight = np.where(pulls, 1.0 / OFF**2, 0.0)
     J = derivatives(cameras, points.X, np.array([x, y]), np.array([nx, ny]))
-    # prior standard deviations of the unknowns
-    turn, place = TURN / cameras.f, freedom.place * np.abs(cameras.C[:, 2])
-    zoom, c = np.full_like(turn, ZOOM), np.full_like(turn, freedom.principal_point * cameras.size[0])
-    units = np.column_stack([turn, turn, turn, zoom, place, place, place, c, c])[..., None]
+    units = _units(cameras, freedom)[..., None]
     J = np.where(pulls[:, None], units * J, 0.0)
     normal = (J * weight[:, None]) @ np.swapaxes(J, 1, 2) + np.eye(UNKNOWNS)
     right = J @ (weight * np.where(pulls, off[best], 0.0))[..., None]
@@ -283,3 +281,10 @@ def moved(cameras: Cameras, step: Array) -> Cameras:
     f = cameras.f * np.exp(np.clip(step[:, 3], -MOST_ZOOM, MOST_ZOOM))
     R, C = rotation_from_vector(step[:, :3]) @ cameras.R, cameras.C + step[:, 4:7]
     return replace(cameras, f=f, c=cameras.c + step[:, 7:], R=R, C=C)
+
+
+def _units(cameras: Cameras, freedom: Freedom) -> Array:
+    """Prior standard deviations (B, 9) of the unknowns of cameras from search."""
+    turn, place = TURN / cameras.f, freedom.place * np.abs(cameras.C[:, 2])
+    zoom, c = np.full_like(turn, ZOOM), np.full_like(turn, freedom.principal_point * cameras.size[0])
+    return np.column_stack([turn, turn, turn, zoom, place, place, place, c, c])

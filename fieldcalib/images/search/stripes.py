@@ -116,14 +116,10 @@ class AllStripes:
         """Find the stripes of an image as `find_stripes` does, or in the darkest of its channels at each pixel."""
         import cv2
 
-        grey = np.asarray(
-            image.min(axis=2) if darkest else cv2.transform(image, np.array([LUMA], np.float32)), np.float32
-        )
+        grey = image.min(axis=2) if darkest else cv2.transform(image, np.array([LUMA], np.float32))
+        grey = np.asarray(grey, np.float32)
         luma: Float32 = np.asarray(cv2.GaussianBlur(-grey if lighter is False else grey, (0, 0), BLUR), np.float32)
-        reach = max(SIDES)
-        padded = np.pad(luma, reach, mode="edge")
-        bands = [padded[row : row + BAND + 2 * reach] for row in range(0, len(luma), BAND)]
-        sharp = np.concatenate([_response_inside(band, reach, either=lighter is None) for band in bands])
+        sharp = _response(luma, either=lighter is None)
         response: Float32 = np.asarray(cv2.GaussianBlur(sharp, (0, 0), MIDDLE_BLUR), np.float32)
         across, coherence = _direction(np.minimum(response, np.float32(STRONG)))
         x, y, offset = _middles(response, across, coherence)
@@ -141,6 +137,17 @@ class AllStripes:
         own = np.arange(len(xy)) if area is None else np.flatnonzero(area[xy[:, 1], xy[:, 0]])
         most = np.argsort(-self.prominence[own], kind="stable")[:MOST]
         return self.stripes.take(own[np.sort(most)])
+
+
+def _response(luma: Float32, *, either: bool) -> Float32:
+    """Contrast of each pixel to both of its sides, averaged over the distances `SIDES`; 0 if it is not lighter.
+
+    With `either`, it may also be darker, or between both sides, as on the edge of an area.
+    """
+    reach = max(SIDES)
+    padded = np.pad(luma, reach, mode="edge")
+    bands = [padded[row : row + BAND + 2 * reach] for row in range(0, len(luma), BAND)]
+    return np.concatenate([_response_inside(band, reach, either=either) for band in bands])
 
 
 def _response_inside(luma: Float32, reach: int, *, either: bool) -> Float32:
