@@ -26,6 +26,7 @@ from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.fields.field import Field
 from fieldcalib.images.camera_side import CameraSide
 from fieldcalib.io.decoders import DEFAULT_RATE
+from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.image_files import Image
 from fieldcalib.localize import Network
 from fieldcalib.results.frames import NoFrameError
@@ -265,7 +266,12 @@ class Editor:
     def _frame(self, number: int) -> FrameEditor:
         """Return a frame in its present state, without the labels of `begun`."""
         number = self.frames.number(number)
-        image = self.frames.image(number)
+        try:
+            image = self.frames.image(number)
+        except BrokenFileError as error:
+            with self.lock:
+                self._states.show(number, Row(reason=str(error), concern=1.0))
+            raise
         state = self._state(number, image)
         base = state.base
         field = self.field if base is None or base.field is None else base.field

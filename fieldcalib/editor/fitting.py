@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.assess.findings import BESIDE, Finding, Status, Verdict, What, in_words
+from fieldcalib.assess.findings import BESIDE, Finding, Status, SuspectLabel, Verdict, What, in_words
 from fieldcalib.assess.label_errors import rms_of_labels
 from fieldcalib.assess.result import Calibration, found_of, with_findings
 from fieldcalib.editor.edit import Mark, Marks
@@ -139,21 +139,32 @@ def fitted(task: Task, image: Image, marks: Marks) -> Calibration:
     weights, flags, prior = _weights(agreeing, size), task.chosen_flags, task.prior
     pixels = agreeing.pixels
     refined = refine_on_image(field, image, by_marks, pixels, weights=weights, flags=flags, prior=prior, quick=True)
-    return _agreeing(field, marks.only_by_hand, by_marks, refined)
+    if _is_nearer(by_marks, refined, agreeing.only_by_hand):
+        return with_strays(marks, by_marks)
+    said = (one for one in found_of(by_marks) if one.what is What.SUSPECTS)
+    named = (_renamed(one, marks, refined) for one in by_marks.suspect_labels)
+    return with_strays(marks, with_findings(replace(refined, suspect_labels=tuple(named)), *said))
 
 
-def _agreeing(field: Field, by_hand: Marks, by_marks: Calibration, refined: Calibration) -> Calibration:
-    """Choose the refined camera, or that of the marks alone if the refined one is farther from the person's marks.
+def _renamed(suspect: SuspectLabel, marks: Marks, refined: Calibration) -> SuspectLabel:
+    """A suspect with the label that fits where the refined camera tells it, and the camera of the marks did not."""
+    field, camera = refined.field, refined.required_camera
+    others = [label for label in field or () if label not in marks.pixels]
+    if suspect.fits or field is None or not others:
+        return suspect
+    own = [one for one in marks.all if one.label == suspect.label]
+    errors = mark_errors(field, Marks(tuple(one._replace(label=label) for label in others for one in own)), [camera])
+    off = errors.reshape(len(others), -1).max(axis=1)
+    is_on = np.min(off) < BESIDE * click_unit(camera.image_size)
+    return replace(suspect, fits=others[int(np.argmin(off))]) if is_on else suspect
 
-    Findings are added for marks of the person that lie far from their markings.
-    """
-    errors, after = mark_errors(field, by_hand, [by_marks.required_camera, refined.required_camera])
-    farther = max(FARTHER * pixel_unit(refined.required_camera.image_size), FARTHER_CLICKS)
-    if refined is by_marks or (len(by_hand) and _rms(after) > _rms(errors) + farther):
-        return with_strays(by_hand, by_marks)
-    suspects = (one for one in found_of(by_marks) if one.what is What.SUSPECTS)
-    refined = replace(refined, suspect_labels=by_marks.suspect_labels)
-    return with_strays(by_hand, with_findings(refined, *suspects))
+
+def _is_nearer(by_marks: Calibration, refined: Calibration, by_hand: Marks) -> bool:
+    """Whether the camera of the marks alone is nearer than the refined one to the marks of the person that agree."""
+    if refined is by_marks or not len(by_hand) or refined.field is None:
+        return refined is by_marks
+    errors, after = mark_errors(refined.field, by_hand, [by_marks.required_camera, refined.required_camera])
+    return _rms(after) > _rms(errors) + max(FARTHER * pixel_unit(refined.required_camera.image_size), FARTHER_CLICKS)
 
 
 def confirmed(base: Calibration, image: Image, marks: Marks) -> Calibration | None:

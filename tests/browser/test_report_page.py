@@ -5,6 +5,7 @@ import json
 import os
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -181,7 +182,11 @@ def test_keys_wheel_and_dragging_move_it(pictures_report, opened):
     assert len({before, closer, moved}) == 3
     page.mouse.dblclick(box["x"] + 200, box["y"] + 150)
     page.wait_for_timeout(200)
-    assert page.locator(".report-stage").screenshot() == before
+    there, here = (
+        cv2.imdecode(np.frombuffer(one, np.uint8), cv2.IMREAD_COLOR).astype(int)
+        for one in (before, page.locator(".report-stage").screenshot())
+    )
+    assert np.max(np.abs(here - there)) <= 2  # levels, by which browsers round the same picture differently
 
 
 def test_reasons_choose_their_frames_and_verdicts_theirs(pictures_report, opened):

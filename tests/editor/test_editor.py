@@ -240,6 +240,21 @@ def test_the_camera_follows_from_the_marks_however_they_came(image):
     assert editor.calibration.reason == cold.calibration.reason
 
 
+def test_a_wrong_label_does_not_keep_the_camera_from_the_paint():
+    """The paint then tells what it is a label of, which the labels of one end do not."""
+    truth = Camera.from_angles(-0.3, 1.35, 0.0, 1300.0, (1.5, 66.0, -16.0), SIZE, k=(-0.04, 0.0))
+    pixels = {label: on_marking(label, truth)[[0, len(on_marking(label, truth)) // 2, -1]] for label in LABELS}
+    pixels["Side line bottom"] = on_marking("Middle line", truth)[[0, -1]]
+    editor = FrameEditor.of(render_field(truth, FIELD, rng=np.random.default_rng(0)), FIELD)
+    for label, xy in pixels.items():
+        editor = editor.mark(label, xy)
+    found = editor.calibration
+    assert [(one.label, one.fits) for one in found.suspect_labels] == [("Side line bottom", "Middle line")]
+    assert found.reason.count("Side line bottom") == 1
+    assert found.markings  # paint was looked for
+    assert np.linalg.norm(found.camera.C - truth.C) < 0.5
+
+
 def test_marks_are_mended(image):
     pixels = ends_of()
     editor = FrameEditor.of(image, FIELD, {**pixels, "Middle line": pixels["Side line left"]})

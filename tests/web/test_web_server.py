@@ -653,6 +653,7 @@ def test_a_broken_picture(tmp_path):
     one = Client(tmp_path, tmp_path / "out")
     state = one.state(1)
     assert "no image" in state["problem"]
+    assert one.get("api/frames").json()["reason"][1] == state["problem"]  # in the list too
     assert one.get("image/1").status_code == 422
     assert one.edit("mark", number=1, label="Middle line", xy=[[1, 1]]).status_code == 422
     assert one.state(0)["problem"] is None

@@ -8,7 +8,7 @@ const COLUMNS = [
   { name: "concern", words: "Verdict", largestFirst: true },
   { name: "id", words: "Frame" },
   { name: "reason", words: "Reason" },
-  { name: "probability", words: "Right", title: "Probability that all of the field in view is right to a metre", show: (value) => (value === null ? "–" : `${shownNumber(100 * value, 0)} %`) },
+  { name: "probability", words: "Sure", title: "Probability that all of the field in view is right to a metre", show: (value) => (value === null ? "–" : `${shownNumber(100 * value, 0)} %`) },
   { name: "pan", words: "Pan", show: (value) => (value === null ? "–" : `${shownNumber(value, 1)}°`) },
   { name: "focal_length", words: "Zoom", title: "Focal length, pixels", show: (value) => shownNumber(value, 0) },
 ];

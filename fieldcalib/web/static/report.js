@@ -265,7 +265,7 @@ function numbersOf(frame) {
     ["pan", value("pan", 2, "°")],
     ["tilt", value("tilt", 2, "°")],
     ["roll", value("roll", 2, "°")],
-    ["zoom", value("focal_length", 0, " px")],
+    ["focal length", value("focal_length", 0, " px")],
     ["position", camera.position ? `${camera.position.map((one) => shownNumber(one, 1)).join(", ")} m` : "–"],
     ["field", camera.field_size ? `${camera.field_size.map((one) => shownNumber(one, 1)).join(" × ")} m` : "–"],
   ];

@@ -65,11 +65,11 @@ export class VerdictCard {
     ];
     if (frame.remedy && name !== "good" && !goesOn) rows.push(element("p", { class: "verdict-remedy", text: sentence(frame.remedy) }));
     if (frame.here && name !== "good" && !goesOn) rows.push(element("p", { class: "verdict-remedy verdict-here", text: `${this.here}: ${frame.here}.` }));
-    const reason = frame.problem ? `${frame.id}: ${frame.problem}` : goesOn ? "" : frame.reason || frame.message;
-    if (reason) rows.push(element("p", { class: "verdict-reason", text: frame.problem ? `${reason}.` : sentence(reason) }));
+    const reason = frame.problem ? `${frame.problem}.` : goesOn ? "" : sentence(frame.reason || frame.message);
+    if (reason) rows.push(element("p", { class: "verdict-reason", text: reason }));
     const leftOut = leftOutWords(frame);
     if (leftOut) rows.push(element("p", { class: "verdict-left-out", text: leftOut }));
-    const facts = basisWords(frame);
+    const facts = basisWords(goesOn ? { ...frame, probability: null } : frame);
     if (facts) rows.push(element("p", { class: "dim small", text: facts }));
     this.words.replaceChildren(...rows);
     this.root.dataset.verdict = name;
