@@ -12,9 +12,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
 from data_tools.synthetic.film import LEAST_PATH, PAINTED, Scene, cameras_as_text, clip_frames, filmed
 from data_tools.synthetic.paths import with_displaced_lines
+from fieldcalib.draw.ground import COLOURS
 from fieldcalib.fields.sports.soccer import soccer, with_painted_lines
 from fieldcalib.io.files import write_text
 from fieldcalib.io.image_files import write_image
@@ -22,18 +24,29 @@ from fieldcalib.io.samples import FILES, PLAYERS, TRUTH, TrueFrame
 from fieldcalib.io.soccernet import format_camera
 from fieldcalib.io.videos import VideoWriter
 
-SEED = 26
-STRETCHES = ((0, 30), (60, 90))  # of the frames of the camera's path, that the clip has before and after its cut
+SEED = 133  # a bright stadium without captions, whose goal is in view
+STRETCHES = ((0, 30), (75, 105))  # of the frames of the camera's path, that the clip has before and after its cut
 PICTURE = 10  # the frame of the path that the picture is
-# Shirts in the scene of this seed: teams that are called as a colour have it on maps (`fieldcalib.cli.players`).
-SHIRTS = {"home": "blue", "away": "pink", "home keeper": "white", "away keeper": "white", "referee": "black"}
+# Shirts of the players: teams that are called as a colour have it on maps (`fieldcalib.cli.players`).
+SHIRTS = ("blue",) * 10 + ("red",) * 10 + ("yellow", "orange")
+SHORTS = {"blue": "white", "red": "red", "yellow": "black", "orange": "black"}
+BOXES = 10  # draws the errors of boxes, beside what `Scene` draws
+OFF, DRIFT = 2.0, 6.0  # px by which boxes are off, the default of `fieldcalib project`; frames over which that changes
+IN_FRONT, FOLLOWS = 3.0, 0.15  # m: keepers stand before the middle of their goals; share of the play that they follow
 
 
 def sample_scene() -> tuple[Scene, list[TrueFrame]]:
-    """The stadium of the samples, and the path of its camera."""
+    """The stadium of the samples with two teams and their keepers, and the path of its camera."""
     frames = clip_frames(SEED, LEAST_PATH)
     field = with_displaced_lines(with_painted_lines(soccer()), np.random.default_rng((SEED, PAINTED)))
-    return Scene.random(field, SEED, [frame.camera for frame in frames]), frames
+    scene = Scene.random(field, SEED, [frame.camera for frame in frames])
+    positions = scene.positions.copy()
+    positions[:, -2:, 0] = np.array([-1.0, 1.0]) * (field.length / 2.0 - IN_FRONT)
+    positions[:, -2:, 1] = FOLLOWS * np.mean(positions[:, :-2, 1], axis=1, keepdims=True)
+    colours = COLOURS["players"]
+    kits = [(colours[shirt], colours[SHORTS[shirt]], colours[shirt]) for shirt in SHIRTS]
+    people = [(person, kit, phase) for (person, _, phase), kit in zip(scene.people, kits, strict=True)]
+    return replace(scene, positions=positions, people=people, teams=SHIRTS), frames
 
 
 def write_samples(folder: Path) -> None:
@@ -53,13 +66,18 @@ def write_samples(folder: Path) -> None:
 
 
 def _boxes_as_text(scene: Scene, frames: Sequence[TrueFrame], shown: Sequence[int]) -> str:
-    """The boxes of the players in view as a table, a line for each frame that is shown and each player."""
+    """The boxes of the players in view as a table, a line for each frame that is shown and each player.
+
+    They are off as a detector's are, by `OFF` in x and in y (standard deviation); those of a player drift slowly.
+    """
+    noise = np.random.default_rng((SEED, BOXES)).standard_normal((*scene.positions.shape[:2], 2))
+    drift = gaussian_filter1d(noise, DRIFT, axis=0, mode="wrap")
+    drift *= OFF * np.sqrt(2.0 * np.sqrt(np.pi) * DRIFT)
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(("frame", "track_id", "team", "x1", "y1", "x2", "y2", "true_x", "true_y"))
     for number, index in enumerate(shown):
         for who, box in scene.boxes(index, frames[index].camera).items():
-            X = scene.positions[index, who]
-            shirt = SHIRTS[scene.teams[who]]
-            table.writerow((number, who, shirt, *np.round(box, 2).tolist(), *np.round(X, 3).tolist()))
+            X, found = scene.positions[index, who], box + np.tile(drift[index, who], 2)
+            table.writerow((number, who, scene.teams[who], *np.round(found, 2).tolist(), *np.round(X, 3).tolist()))
     return text.getvalue()

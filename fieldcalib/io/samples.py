@@ -22,7 +22,7 @@ def sample(name: Sample) -> Path:
     """A clip or a picture to try, with its truth beside it.
 
     The clip has 60 frames of 960 x 540 pixels, 30 a second, of a soccer match from one camera that pans and zooms:
-    players, boards, motion blur, grain, and a cut from one end to the other.
+    players, boards, motion blur, grain, and a cut.
 
     Parameters
     ----------

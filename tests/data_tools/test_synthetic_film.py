@@ -148,7 +148,7 @@ def test_a_clip_is_written_with_its_cameras(tmp_path):
 
 @pytest.mark.slow
 def test_the_samples_are_what_is_rendered(tmp_path, monkeypatch):
-    monkeypatch.setattr("data_tools.synthetic.samples.STRETCHES", ((0, 1), (60, 61)))
+    monkeypatch.setattr("data_tools.synthetic.samples.STRETCHES", ((0, 1), (75, 76)))
     assert main(["--samples", str(tmp_path)]) == 0
     shipped = fieldcalib.sample("clip").parent
     pictures = [cv2.imread(str(folder / "picture.png")).astype(float) for folder in (shipped, tmp_path)]
