@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -58,15 +57,10 @@ def run(options: argparse.Namespace) -> int:
     """Serve the page until it is interrupted; returns the exit code."""
     check_page("fieldcalib open")
     from fieldcalib.editor.editor import Editor
-    from fieldcalib.editor.label_files import LabelWarning
     from fieldcalib.web.server import serve
 
     given = {"out": options.out, "labels": options.labels, "overwrite": options.overwrite}
-    with warnings.catch_warnings(record=True) as told:
-        warnings.simplefilter("always", LabelWarning)
-        editor = Editor(options.source, options.field, **given)
-    for one in told:
-        say(str(one.message))
+    editor = Editor(options.source, options.field, **given)
     _claim(editor)
     serve(editor, host=options.host, port=options.port, browser=not options.no_browser)
     return 0

@@ -157,7 +157,7 @@ def _run_one_by_one(request: RunRequest) -> int:
     run, network = request.run, or_search(lambda: load_network(request.network))
     how = request.how(network)
     if request.same_camera:
-        stored = StoredCameras.of(read(request.same_camera), request.field)
+        stored = StoredCameras.of(read(request.same_camera), request.field, how.side)
         say(f"images are compared with {counted(len(stored.cameras), 'camera')} of {request.same_camera}")
         how = replace(how, stored=stored)
     method = ImageCalibrator(request, how)

@@ -9,10 +9,11 @@ import io
 import logging
 import os
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from fieldcalib._interrupts import Terminated, interrupts_reach_the_work
 from fieldcalib._progress import printable, say
@@ -33,6 +34,18 @@ def run_command(options: argparse.Namespace) -> int:
 class _Formatter(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         return printable(super().format(record))
+
+
+@contextmanager
+def warnings_on_stderr() -> Iterator[None]:
+    """Write what the library warns of to stderr, without the line of code that does."""
+
+    def show(message: Warning | str, category: type[Warning], *where: Any) -> None:
+        say(str(message)) if issubclass(category, UserWarning) else usual(message, category, *where)
+
+    with warnings.catch_warnings():
+        usual, warnings.showwarning = warnings.showwarning, show
+        yield
 
 
 @contextmanager
@@ -57,7 +70,7 @@ def exit_code(work: Callable[[], int]) -> int:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a terminal without "±" is no reason to fail after the work
     try:
-        with interrupts_reach_the_work(), log_on_stderr():
+        with interrupts_reach_the_work(), log_on_stderr(), warnings_on_stderr():
             code = int(work())
         _flush()
         return code

@@ -195,7 +195,7 @@ def calibrate(
         if not isinstance(taken, OneByOne):
             raise ValueError("same_camera is of pictures: leave it out for clips, streams and labelled pixels")
         earlier = same_camera if isinstance(same_camera, Mapping) else read(same_camera)
-        how = replace(how, stored=StoredCameras.of(earlier, _field(field)))
+        how = replace(how, stored=StoredCameras.of(earlier, _field(field), side))
     options = {"field": field if isinstance(field, str) else repr(field), "step": step, "prior": str(prior)}
     options |= {name: str(_position(one)) for name, one in (("start", start), ("end", end)) if one is not None}
     options |= {} if part is None else {"crop_of": str(part)}

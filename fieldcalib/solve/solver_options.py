@@ -159,8 +159,8 @@ def checked_prior(
             if field is None or not field.stands:
                 why = "the object is not a Field" if field is None else "the field has no stands"
                 raise ValueError(
-                    f"{why}: say where its camera may stand by prior, a CameraDistribution or the name of one, or None "
-                    f"with rvec and tvec as a start"
+                    f"{why}: say where its camera may stand by prior, a CameraDistribution or the name of one; None "
+                    f"leaves it open, and may need rvec and tvec as a start"
                 )
             found.extend(field.stands)
         elif isinstance(member, str) and member in named:

@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -299,6 +300,17 @@ def test_an_interrupt_of_a_finalizer_is_not_lost(annotated_folder, tmp_path, num
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals")
+def test_what_is_warned_of_is_told_without_the_line_of_code(calibrated_folder, tmp_path):
+    """As of results that are cut off."""
+    shutil.copytree(calibrated_folder, tmp_path / "cut")
+    lines = (tmp_path / "cut" / "cameras.jsonl").read_text()
+    (tmp_path / "cut" / "cameras.jsonl").write_text(lines[: 9 * len(lines) // 10])
+    done = in_a_process("", "export", tmp_path / "cut", "--format", "homography")
+    (told,) = [line for line in done.stderr.splitlines() if "incomplete" in line]
+    assert told.startswith(f"fieldcalib: {tmp_path / 'cut' / 'cameras.jsonl'}: its last line is incomplete")
+    assert ".py" not in done.stderr
+
+
 def test_an_interrupt_that_is_ignored_stays_so():
     """As for a job in the background of a shell."""
     code = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)" + INTERRUPTED_IMPORT.format(name="numpy")

@@ -16,10 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fieldcalib._types import Array
+from fieldcalib._types import Array, expect
 from fieldcalib.assess.findings import Finding, Verdict, What
 from fieldcalib.assess.result import Calibration, found_of
-from fieldcalib.fields.field import Field
+from fieldcalib.fields.field import Field, Side, side_of
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rotation import rotation_from_vector
 from fieldcalib.images.camera_side import with_twin
@@ -142,16 +142,17 @@ class StoredCameras:
     cameras: Sequence[StoredCamera]
 
     @classmethod
-    def of(cls, results: Mapping[str, Calibration], field: Field) -> StoredCameras:
+    def of(cls, results: Mapping[str, Calibration], field: Field, side: Side | None = None) -> StoredCameras:
         """Take the good cameras of results, at most `DIFFERENT` of them.
 
         Raises
         ------
         ValueError
-            If none is good, or one is of another field, or of another size of it, where that is known.
+            If none is good, or one is of another field, or of another size of it, where that is known; or on another
+            side than the one that is given.
         """
         ids = list(results)
-        every = {ids[k]: results[ids[k]] for k in spread(len(ids), MOST)}
+        every = {ids[k]: expect(results[ids[k]], Calibration, "in results") for k in spread(len(ids), MOST)}
         good = [
             StoredCamera(id, one, one.field)
             for id, one in every.items()
@@ -161,6 +162,8 @@ class StoredCameras:
             raise ValueError("no camera of the results is good: pictures cannot be recognised by them")
         for one in good:
             _check_field(one.field, field)
+            if side is not None and side != side_of(one.camera.C, field):
+                raise ValueError(f"side={side!r}, but the camera of {one.id!r} is on the other: leave one of them out")
         found = list[StoredCamera]()
         for size in dict.fromkeys(one.camera.image_size for one in good):
             some = [one for one in good if one.camera.image_size == size]

@@ -182,8 +182,10 @@ def test_the_other_side_of_a_court_stays_an_alternative(pan):
         ),
         (stored(CAMERA), tennis(), "of another field, 105 x 68 m, than that of 23.77 x 10.97 m"),
         (stored(CAMERA), soccer(100.0, 64.0, size_known=True), "of another field, 105 x 68 m, than that of 100 x 64 m"),
+        ({"a": CAMERA}, FIELD, "expected a Calibration, as in results, got a Camera"),
+        ({"a": None}, FIELD, "expected a Calibration, as in results, got a NoneType"),
     ],
-    ids=["empty", "no camera", "another sport", "another size"],
+    ids=["empty", "no camera", "another sport", "another size", "cameras", "nothing"],
 )
 def test_results_that_cannot_recognise_a_picture(earlier, field, message):
     with pytest.raises(ValueError, match=message):
@@ -198,6 +200,8 @@ def test_what_same_camera_is_not_of():
         calibrate([image], same_camera=earlier, camera_matrix=CAMERA.K, flags=1, progress=False)
     with pytest.raises(FileNotFoundError, match=r"cameras\.jsonl"):
         calibrate([image], same_camera="nowhere", progress=False)
+    with pytest.raises(ValueError, match="side='opposite', but the camera of 'camera 0' is on the other: leave one"):
+        calibrate([image], same_camera=earlier, side="opposite", progress=False)
 
 
 def test_the_command_recognises_pictures_by_a_folder(tmp_path, capsys):
@@ -228,8 +232,9 @@ def test_the_command_recognises_pictures_by_a_folder(tmp_path, capsys):
         (["--clip"], "--same-camera is of images"),
         (["--same-field"], "leave --same-field out"),
         (["--position", "0,66,-17"], "leave one of them out"),
+        (["--side", "opposite"], "leave one of them out"),
     ],
-    ids=["another sport", "another size", "a clip", "one field", "a known place"],
+    ids=["another sport", "another size", "a clip", "one field", "a known place", "another side"],
 )
 def test_a_folder_that_does_not_fit_is_refused(more, message, tmp_path, capsys):
     earlier = stored(CAMERA)
