@@ -427,7 +427,7 @@ def prior_of(options: argparse.Namespace) -> Prior:
     if prior == ALL and not field.stands:
         raise ValueError(
             f"--field {options.field} does not say where its cameras stand: add `stands` to it, or give --prior "
-            f"{NO_PRIOR} to calibrate without (docs/how-to/other-sports.md has an example)"
+            f"{NO_PRIOR} to calibrate without (docs/how-to/own-court.md has an example)"
         )
     return prior
 

@@ -41,7 +41,7 @@ carpet, inside = drawn(
     [(x - 7, y - 3, 0), (x + 7, y - 3, 0), (x + 7, y + 3, 0), (x - 7, y + 3, 0)],
 )
 lab = cv2.cvtColor(cv2.GaussianBlur(picture, (3, 3), 0), cv2.COLOR_BGR2LAB).astype(float)
-is_grass = np.linalg.norm((lab - np.median(lab[inside], axis=0))[..., 1:], axis=-1) < 8.0
+is_grass = np.linalg.norm((lab - np.median(lab[inside], axis=0))[..., 1:], axis=-1) < 20.0
 shown = picture.copy()
 shown[inside & is_grass] = (0.35 * picture + 0.65 * carpet)[inside & is_grass]
 

@@ -22,10 +22,9 @@ boxes, true = (
     for names in (("x1", "y1", "x2", "y2"), ("true_x", "true_y"))
 )
 number = np.array([int(row["frame"]) for row in rows])
-boxes += np.random.default_rng(0).normal(scale=2.0, size=boxes.shape)  # a detector is 2 px off
 
 # %%
-# `pixel_sd` is how far off the middle of the lower edge is: of two edges across, of one down.
+# `pixel_sd` is how far off the middle of the lower edge is: here 2 px, as of many detectors.
 is_last = number == number.max()
 places = results.to_field(boxes[is_last], int(number.max()), pixel_sd=2.0)
 off = np.abs(places.X[:, :2] - true[is_last])
