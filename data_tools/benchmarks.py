@@ -112,6 +112,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def run(options: argparse.Namespace) -> int:
     """Run what is not there yet; returns 1 if a command failed, of which nothing is kept."""
+    names = [name for name, _ in commands()]
+    if unknown := [word for word in options.words if not any(word in name for name in names)]:
+        raise ValueError(f"no command has {unknown[0]!r} in its name: expected words of {', '.join(names)}")
+    if not options.data.is_dir():
+        raise ValueError(f"{options.data} is no folder: --data is that of the data sets")
     data, made = options.data.resolve(), (options.out / "made").resolve()
     made.mkdir(parents=True, exist_ok=True)
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"

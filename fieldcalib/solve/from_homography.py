@@ -234,8 +234,10 @@ def on_level_ground(camera: Camera, field: Field | None) -> Camera:
     if field is None or field.terrain.is_level or camera.fisheye:
         return camera
     xy, X = pixels_of_ground(camera, field)
-    level = _refined_pose(camera, np.insert(X, 2, 0.0, axis=1), xy) if len(X) > LEAST_POINTS else None
-    return camera if level is None else level
+    X = np.insert(X, 2, 0.0, axis=1)
+    level = (_refined_pose(camera, X, xy) if len(X) > LEAST_POINTS else None) or camera
+    now, before = (np.sum(np.square(one.project(X) - xy)) for one in (level, camera))
+    return level if now < before else camera  # false for NaN: the refinement may diverge, as of very flat views
 
 
 def _refined_pose(camera: Camera, X: Array, xy: Array) -> Camera | None:

@@ -31,3 +31,11 @@ def test_what_a_command_prints_is_kept_and_a_failed_one_is_run_again(tmp_path, m
     assert benchmarks.main([str(tmp_path), "say"]) == 0
     assert (tmp_path / "say-two.txt").read_text() == "two 1 in MADE\n"
     assert capfd.readouterr().out == ""
+
+
+def test_a_word_of_no_name_and_a_folder_that_is_not_there_are_told(tmp_path, capsys):
+    assert benchmarks.main([str(tmp_path), "nosuch", "--data", str(tmp_path)]) == 2
+    assert "no command has 'nosuch' in its name" in capsys.readouterr().err
+    assert benchmarks.main([str(tmp_path / "out"), "tables", "--data", str(tmp_path / "none")]) == 2
+    assert "none is no folder" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

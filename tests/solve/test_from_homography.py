@@ -133,3 +133,12 @@ def test_a_camera_on_level_ground_is_nearer_than_that_of_raised_ground(camera, c
     assert off[1] < off[0]
     assert on_level_ground(camera, soccer()) is camera
     assert on_level_ground(camera, None) is camera
+
+
+def test_where_no_camera_of_level_ground_is_found_the_camera_stays():
+    """It stands a millimetre above the raised ground: the nearest pose would be far below it."""
+    camera = Camera.from_angles(-1.0606, 0.1341, -0.1109, 4947.0, (-16.778, 0.7787, -0.5254), SIZE, k=(0.1918, 0.0))
+    raised = soccer().with_ground(Ground(crown=0.5225))
+    assert len(pixels_of_ground(camera, raised)[1]) > 20
+    level = on_level_ground(camera, raised)
+    assert np.linalg.norm(level.C - camera.C) < 5.0
