@@ -72,7 +72,7 @@ def triangulate(calibrations: Sequence[Calibration], pixels: ArrayLike, *, pixel
     cameras, xy = [one.required_camera for one in seen], real_array(pixels)
     if len(seen) < 2 or xy.shape != (len(seen), 2) or not np.all(np.isfinite(xy)):
         raise ValueError(
-            f"expected two calibrations or more, and a pixel of one point in each, got {len(seen)} and {xy.shape}"
+            f"expected calibrations, two or more, and a finite pixel of one point in each, got {len(seen)}, {xy.shape}"
         )
     positive(pixel_sd, "pixel_sd")
     C = np.array([camera.C for camera in cameras])
@@ -131,6 +131,8 @@ def height_above_ground(
     """
     camera = expect(calibration, Calibration, 'fieldcalib.read("results")[0]').required_camera
     terrain, xy = terrain_of(calibration.field), real_array([foot, top])
+    if xy.shape != (2, 2):
+        raise ValueError(f"expected the pixel (x, y) of one foot and of one top, got an array of shape {xy.shape}")
 
     def height(camera: Camera, xy: Array) -> float:
         X, ray = camera.image_to_field(xy[0], terrain=terrain), homogenize(camera.normalized(xy[1])) @ camera.R

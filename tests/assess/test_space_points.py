@@ -72,10 +72,12 @@ def test_what_cannot_be_located_is_refused():
     xy = [camera.project((3.0, -4.0, -2.0)) for camera in cameras]
     with pytest.raises(ValueError, match=r"the rays are nearly parallel \(0\.\d+ degrees\)"):
         triangulate(beside, [(480.0, 270.0)] * 2)
-    with pytest.raises(ValueError, match="two calibrations or more"):
+    with pytest.raises(ValueError, match="calibrations, two or more"):
         triangulate(found[:1], xy[:1])
-    with pytest.raises(ValueError, match="a pixel"):
+    with pytest.raises(ValueError, match="a finite pixel"):
         triangulate(found, xy[:1])
+    with pytest.raises(ValueError, match=r"the pixel \(x, y\) of one foot and of one top"):
+        height_above_ground(found[0], [xy[0], xy[0]], [xy[1], xy[1]])
     with pytest.raises(ValueError, match="do not meet in front"):
         triangulate(found, [(-5000.0, 270.0), (9000.0, 270.0)])
     with pytest.raises(NoCameraError):

@@ -186,7 +186,7 @@ def test_keys_wheel_and_dragging_move_it(pictures_report, opened):
         cv2.imdecode(np.frombuffer(one, np.uint8), cv2.IMREAD_COLOR).astype(int)
         for one in (before, page.locator(".report-stage").screenshot())
     )
-    assert np.max(np.abs(here - there)) <= 2  # levels, by which browsers round the same picture differently
+    assert np.mean(np.abs(here - there)) < 0.01  # levels: browsers round the same picture differently
 
 
 def test_reasons_choose_their_frames_and_verdicts_theirs(pictures_report, opened):
