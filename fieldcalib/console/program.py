@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from fieldcalib._interrupts import Terminated, interrupts_reach_the_work
 from fieldcalib._progress import printable, say
@@ -44,7 +44,7 @@ def warnings_on_stderr() -> Iterator[None]:
         say(str(message)) if issubclass(category, UserWarning) else usual(message, category, *where)
 
     with warnings.catch_warnings():
-        usual, warnings.showwarning = warnings.showwarning, show
+        usual, warnings.showwarning = warnings.showwarning, cast(Any, show)
         yield
 
 
