@@ -289,6 +289,19 @@ def test_a_rubber_band_selects_marks_that_move_together(labelled):
     assert not np.delete(moved, inside, axis=0).any()
 
 
+def test_beginning_to_label_is_progress_in_a_narrow_window_too(serve, window, picture):
+    one = window(serve(picture), size=(390, 844))
+    edges = one.page.eval_on_selector_all(
+        ".top button, .tools button", "all => all.map(one => one.getBoundingClientRect().right)"
+    )
+    assert max(edges) <= 390.0
+    one.clear()
+    assert one.text("#verdict strong") == "Begin"
+    one.mark(LABELS[0], along(LABELS[0]))
+    assert one.text(".verdict-title") == "Go on\n3 more markings for a camera"
+    assert "sure" not in one.text("#verdict")
+
+
 def test_undo_goes_twenty_steps_back_and_forth(serve, window, picture):
     one = window(serve(picture))
     one.clear()

@@ -243,3 +243,12 @@ def test_nothing_overlaps_or_leaves_the_window(clip_report, opened, size):
             assert (
                 right <= other[0] + 0.5 or other[2] <= left + 0.5 or bottom <= other[1] + 0.5 or other[3] <= top + 0.5
             )
+
+
+def test_narrow_windows_have_the_picture_above_the_frames(pictures_report, opened):
+    page = opened(pictures_report, size=(390, 844))
+    stage, frames = (page.locator(one).bounding_box() for one in (".report-stage", ".report-list"))
+    assert stage["width"] > 350.0
+    assert stage["y"] + stage["height"] < frames["y"]
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    assert page.evaluate("getComputedStyle(document.body).colorScheme") == "light"
