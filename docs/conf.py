@@ -50,6 +50,7 @@ myst_heading_anchors = 4  # the anchors that GitHub gives to headings
 highlight_language = "text"
 copybutton_exclude = ".linenos, .gp, .go"
 
+default_role = "autolink"  # `names` in docstrings are links, where they are names of this reference
 autosummary_generate = True
 autosummary_ignore_module_all = False
 autodoc_typehints = "none"  # numpydoc's sections say types

@@ -180,9 +180,16 @@ def calibrate(
 
     Examples
     --------
+    >>> import fieldcalib
+    >>> results = calibrate(fieldcalib.sample("picture"), progress=False)  # or a path of yours
+    >>> str(results[0].verdict), results[0].image_to_field([480, 300]).round()[:2]  # metres
+    ('good', array([-18.,  15.]))
+
+    A black picture has no camera:
+
     >>> import numpy as np
     >>> results = calibrate(np.zeros((540, 960, 3), np.uint8), progress=False)
-    >>> str(results.verdicts["000000"])  # a black picture
+    >>> str(results.verdicts["000000"])
     'reject'
     """
     taken = input_of(source, _cut(start, end, step), clip, image_size, rgb=truth(rgb, "rgb"))
