@@ -62,8 +62,9 @@ class Ranked:
     """Log likelihood ratio of each camera, (B,)."""
     bend: Bend
     """The distortion of the picture."""
-    furniture: Array = field(default_factory=lambda: np.zeros(1))
-    """Log likelihood ratio of what each camera projects above the ground, (B,), within limits (`counted`)."""
+    furniture: Array | None = None
+    """Log likelihood ratio of what each camera projects above the ground, (B,), within limits (`counted`); None where
+    it does not rank cameras, as in halls with nets and baskets of other courts."""
 
     def with_furniture(self, maps: StripeMaps, court: Field) -> Ranked:
         """Weigh what is above the ground too, by the stripes of the picture without its distortion.
@@ -75,8 +76,8 @@ class Ranked:
         return Ranked(self.cameras.take(best), self.score[best], self.bend, furniture[best])
 
     def furniture_of(self, index: int) -> float:
-        """The log likelihood ratio of the furniture of the camera at an index; 0 if it does not count."""
-        return float(np.broadcast_to(self.furniture, self.score.shape)[index])
+        """The log likelihood ratio of the furniture of the camera at an index; 0 if it does not rank."""
+        return 0.0 if self.furniture is None else float(self.furniture[index])
 
     def camera(self, index: int) -> Camera:
         """The camera at an index, with the lens of the picture."""
@@ -190,7 +191,7 @@ class Rivals:
     """Grid on the field as each camera projects it, pixels (B, N, 2)."""
     score: Array
     """Score of each camera, (B,)."""
-    furniture: Array
+    furniture: Array | None
     """As in `Ranked`."""
     near: Array
     """Whether each camera is near to each of the refined cameras before refinement, (M, B)."""
@@ -221,8 +222,13 @@ class Rivals:
         for near, end in zip(self.near, self.ends, strict=True):
             if end is None or not are_apart(end[None], grids, self.size)[0]:
                 are_rivals &= ~near
-        score = self.score + np.minimum(self.furniture, furniture)
+        score = self.score if self.furniture is None else self.score + np.minimum(self.furniture, furniture)
         return float(np.max(score[are_rivals], initial=0.0))
+
+    def runner_up(self, grids: Sequence[Array], score: float, furniture: float) -> float:
+        """Best score among the rivals of a camera divided by its own, both with furniture where that ranks cameras."""
+        own = 0.0 if self.furniture is None else furniture
+        return self.best_score(grids, own) / max(score + own, 1.0)
 
 
 def moved_by_steps(camera: Camera, field: Field) -> list[Camera]:

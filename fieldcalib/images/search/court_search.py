@@ -194,8 +194,8 @@ class CourtEvidence:
     """Share of the long stripes on the field, of the colour of the markings, that lie on projected markings, also those
     above the ground. Stripes are weighted by their contrast, since the grain of wood is striped too."""
     runner_up: float
-    """Score, with that of its furniture, of the best camera of the search that projects the field elsewhere, divided by
-    this camera's."""
+    """Score of the best camera of the search that projects the field elsewhere, divided by this camera's; both with
+    their furniture's, but not in halls."""
     paint: float
     """Share of the places along the markings in view that show paint (`fieldcalib.assess.paint_in_view`)."""
     visible: float
@@ -486,7 +486,7 @@ def _of_ranked(
     if task.side == OPPOSITE:
         ranked = replace(ranked, cameras=ranked.cameras.turned(np.ones(len(ranked.score), dtype=bool)))
     above = picture.stripes(lighter=True)
-    if field.surface not in FLOORS:  # in halls nets and baskets of other courts are in view
+    if field.surface not in FLOORS:
         ranked = ranked.with_furniture(above.with_bend(ranked.bend.a).straight_maps, field)
     rivals = Rivals.of(ranked, field, {})
     started = [
@@ -569,7 +569,7 @@ def is_promising(stripes: PictureStripes, rivals: Rivals, field: Field, camera: 
     """Whether a camera before refinement may lead to a right one; `furniture` as in `Ranked`."""
     score, _, shown = stripes.maps.score(camera, MarkingPoints.of(field, POINTS))
     mean = np.log(max(score / max(shown, 1.0), LEAST_MEAN))
-    runner_up = min(rivals.best_score(seen_grids(camera, field), furniture) / max(score + furniture, 1.0), MOST_RIVAL)
+    runner_up = min(rivals.runner_up(seen_grids(camera, field), score, furniture), MOST_RIVAL)
     most = PROMISE @ (1.0, mean, 1.0, runner_up) - LEAST_PROMISE  # if all stripes are explained
     return bool(most >= 0.0 and most >= PROMISE[2] * (1.0 - explained(stripes, field, camera)))
 
@@ -584,12 +584,11 @@ def _evidence(stripes: PictureStripes, off: StripeMaps, rivals: Rivals, refined:
     score, weight, shown = stripes.maps.score(camera, MarkingPoints.of(field, POINTS))
     markings = () if refined.paint is None else refined.paint.markings
     furniture = off.score(camera, MarkingPoints.of(field, POINTS, are_above=True))[0]
-    rival = rivals.best_score(seen_grids(camera, field), float(counted(furniture)))
     return CourtEvidence(
         score=score,
         mean=score / max(shown, 1.0),
         explained=explained(stripes, field, camera),
-        runner_up=rival / max(score + float(counted(furniture)), 1.0),
+        runner_up=rivals.runner_up(seen_grids(camera, field), score, float(counted(furniture))),
         paint=refined.paint_share,
         visible=shown / max(weight, 1.0),
         confirmed=sum(one.is_confirmed for one in markings),
