@@ -16,7 +16,8 @@ import numpy as np
 from fieldcalib._types import Array, is_number, truth
 
 WHITE = "#f4f8f2"  # of paint in daylight
-SURFACES = ("grass", "turf", "ice", "wood", "floor", "hard court", "clay", "sand")
+LAWNS = ("grass", "turf")
+SURFACES = (*LAWNS, "ice", "wood", "floor", "hard court", "clay", "sand")
 # Of the fields of another size: another width, another length, both in the usual range, both in the legal one.
 OTHERS = (1 / 6, 1 / 6, 1 / 3, 1 / 3)
 DEVIATIONS = 1.96  # standard deviations to either side of the mean that hold 95 % of a normal distribution

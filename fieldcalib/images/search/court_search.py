@@ -42,6 +42,7 @@ from fieldcalib.assess.findings import Finding, Status, What
 from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.assess.result import Calibration, doubted, with_findings
 from fieldcalib.fields.field import OPPOSITE, Field
+from fieldcalib.fields.traits import LAWNS
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.camera_side import twin_of
 from fieldcalib.images.paint.detected_lines import calibrate_on_lines, detected_lines
@@ -96,7 +97,6 @@ MOST_OFF = 3  # upper limit of `CourtEvidence.off`
 # limits of explained, runner_up, paint, mean and confirmed beyond which they are given as doubts
 FEW_EXPLAINED, RIVAL, LITTLE_PAINT, LITTLE, FEW_CONFIRMED = 0.85, 0.9, 0.7, 1.2, 4
 FLOORS = ("floor", "wood")  # surfaces of halls, with lines of several sports, some of them darker than the ground
-LAWNS = ("grass", "turf")  # surfaces that are neither white nor grey
 PAINTS = 2  # paints whose stripes are searched alone, if the search among all stripes is not sure
 ENOUGH = 0.99  # probability of a camera above which no other stripes are searched
 # Logarithm of the odds that a camera leads to a right one if it is refined: constant, and coefficients of the logarithm
@@ -114,6 +114,9 @@ NOTHING = (
     "or a line and a circle",
     FOUND,
 )
+# Share of the places along what is above the ground at which lines must be found, if a camera rests on them: 0.25 and
+# more for right cameras of rendered nets and goals.
+LEAST_SHOWN = 0.2
 ALIKE = 0.9  # share of a camera's score, with furniture, that one moved along the field must reach to be an alternative
 
 
@@ -502,7 +505,7 @@ def _of_ranked(
     ends = [None if one is None else one.calibration.camera for one in refined]
     rivals = Rivals.of(ranked, field, dict(zip(started, ends, strict=True)))
     fitted = with_errors(task, field, image, _merged([one for one in refined if one is not None], field))
-    checked = [_without_lone(task, one) for one in fitted]
+    checked = [_without_unseen(task, one) for one in fitted]
     found = [one for one in checked if _if_possible(one, field, are_possible)]  # the fit may have moved it elsewhere
     if sized:
         found = [on_field_as_seen(task, image, one.calibration) or one for one in found]
@@ -510,17 +513,23 @@ def _of_ranked(
     return [_Candidate(*one, stripes, from_above) for one in zip(found, evidence, strict=True)]
 
 
-def _without_lone(task: Task, refined: Refined) -> Refined:
-    """Leave out a post on which alone of all above the ground a camera rests: it may be the goal's other one."""
+def _without_unseen(task: Task, refined: Refined) -> Refined:
+    """Leave out what is above the ground where a camera rests on it, but it hardly shows.
+
+    The few lines near a net that shows nowhere else belong to something else. A lone post may be the goal's other one.
+    """
     calibration, markings = refined.calibration, Markings.of(task.object_segments)
     is_upright = np.abs(markings.along[:, 2]) > UPRIGHT
     above, upright = ({markings.labels[k] for k in markings.member[some]} for some in (~markings.on_ground, is_upright))
-    lone = above & calibration.pixel_counts.keys()
-    if calibration.solved is None or len(lone) != 1 or not lone <= upright:
+    found = above & calibration.pixel_counts.keys()
+    if calibration.solved is None or not found:
         return refined
     pixels, camera = calibration.solved.pixels, calibration.required_camera
-    others = pixels.of_labels(set(pixels.labels) - lone)
-    (again,) = calibrate_on_lines(task, [others], camera.image_size, [camera])
+    places = np.count_nonzero(~profiles_along(camera, markings).on_ground)
+    is_shown = sum(calibration.pixel_counts[one] for one in found) >= LEAST_SHOWN * places
+    if is_shown and (len(found) > 1 or not found <= upright):
+        return refined
+    (again,) = calibrate_on_lines(task, [pixels.of_labels(set(pixels.labels) - found)], camera.image_size, [camera])
     return replace(refined, calibration=again) if doubted(again, 0.5) is not again else refined
 
 
