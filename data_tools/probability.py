@@ -11,8 +11,8 @@ regression on whether the largest error in view is below the field's tolerance (
 and below half of it. It ends with the reliability on as many other frames.
 
 `verdicts` prints, with the default prior and without one, how many synthetic frames are good, to be checked and
-rejected among those whose camera is within the tolerance, beyond it, and beyond ten times the tolerance; apart where some
-of their labels are wrong, which is a reason to check a right camera.
+rejected among those whose camera is within the tolerance, beyond it, and beyond ten times the tolerance; apart where
+some of their labels are wrong, which is a reason to check a right camera.
 
 `sizes` draws pitches, 70 % of 105 x 68 m and 30 % of a random legal size, and calibrates their frames as 105 x 68 m.
 

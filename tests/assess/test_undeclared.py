@@ -108,15 +108,16 @@ def test_what_depends_on_the_principal_point_is_doubted_sooner():
 
 
 def test_a_roll_speaks_for_a_part_where_heads_are_level():
-    """Broadcasts of soccer have tripods; of tennis people's pictures had a part in the fit of the probability."""
+    """Broadcasts from lawns have level tripods, halls rails; of tennis people's pictures had a part in the fit."""
     court = field_named("tennis")
     in_the_hand = Camera.from_angles(0.5, 1.25, np.radians(1.5), 900.0, (-3.0, 17.0, -4.0), SIZE)
     labels = observe(court, in_the_hand, np.random.default_rng(0), 0.5)
     uncertainty = calibrate_from_segments(court, labels, SIZE).uncertainty
-    on_tripods = replace(court, probability=replace(court.probability, least_in_picture=None))
+    on_rails = replace(court, probability=replace(court.probability, least_in_picture=None))
+    places = court, on_rails, replace(on_rails, surface="grass")
     point = principal_point_of(uncertainty)
-    hand, tripod = (score_above(-99.0, uncertainty.on(one), point, 0.9) for one in (court, on_tripods))
-    assert tripod > hand + 2.0
+    hand, rail, tripod = (score_above(-99.0, uncertainty.on(one), point, 0.9) for one in places)
+    assert tripod > rail + 1.0 > hand + 2.0
 
 
 def test_labels_of_a_whole_frame_speak_against_a_part():

@@ -85,6 +85,7 @@ COEFFICIENTS = np.array([-2.28, 2.91, 4.81, -8.63, 2.02, -1.25, -1.65, -4.86, 1.
 # accepted with this threshold and of 264 with 0.65, wrong ones of four with either; further wrong ones have 0.47 at
 # most. Of cameras with 0.5 to 0.97 in frames rendered of fields that the fit did not know, 47 of 48 are right.
 LEAST_PROBABILITY = 0.55
+LEAST_GOOD = 0.65  # of a camera that is good: less probable ones are to be checked
 # Seen from above, rectangles of one field look like those of another: in 117 pictures searched for other fields wrong
 # cameras have up to 0.92, while right ones have 1.00 in nine drone pictures and 30 rendered ones.
 LEAST_PROBABILITY_ABOVE = 0.95
@@ -623,6 +624,9 @@ def _judged(refined: Refined, evidence: CourtEvidence, probability: float, least
     """Judge a refined camera: its calibration is "probably wrong" without enough evidence."""
     calibration = refined.judged
     if not calibration.accepted or (probability >= least and evidence.is_enough):
+        if probability < LEAST_GOOD and calibration.accepted:
+            unsure = Finding(What.IMPROBABLE, numbers=(_field_of(refined).tolerance, probability))
+            return with_findings(calibration, unsure)
         return with_hidden_markings(calibration) if probability >= SURE else calibration
     doubts = evidence.doubts if calibration.solved is not None else ("the lines near its markings do not determine it",)
     doubt = "; ".join((f"{FOUND}, right with a probability of {probability:.2f}", *doubts))

@@ -12,6 +12,7 @@ from pictures import picture
 
 from data_tools.score_courts import fitted
 from fieldcalib import Camera, calibrate_from_segments
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.fields import tennis
 from fieldcalib.fields.catalogue import field_named
 from fieldcalib.images.paint.line_profiles import Markings, find_lines, profiles_along
@@ -143,6 +144,17 @@ def test_a_camera_does_not_rest_on_one_post_which_may_be_the_other_one(label):
     assert without.pixel_counts.keys() == ground.keys()
     assert without.probability() < 0.2
     assert court_search._without_unseen(Task(field), Refined(both, 0.5)).calibration is both
+
+
+@pytest.mark.parametrize(
+    ("probability", "verdict"), [(0.5, Verdict.REJECT), (0.6, Verdict.CHECK), (0.7, Verdict.GOOD)], ids=str
+)
+def test_a_camera_that_is_hardly_likelier_than_not_is_to_be_checked(probability, verdict):
+    court = tennis()
+    seen = {label: TENNIS.project(court[label].sample(0.5)) for label in court if "ine" in label}
+    found = Refined(calibrate_from_segments(court, seen, SIZE), 0.9)
+    judged = court_search._judged(found, EVIDENCE, probability, court_search.LEAST_PROBABILITY)
+    assert judged.verdict is verdict
 
 
 @pytest.mark.parametrize(("places", "counts"), [(range(8, 11), False), (range(3, 27), True)])
