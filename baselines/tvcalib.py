@@ -176,7 +176,7 @@ def _results(
     for frame, theta, loss in zip(frames, thetas, losses.tolist(), strict=True):
         camera = camera_from_theta(theta, image_size)
         message = f"the loss in NDC is {loss:.4f}"
-        result = replace(judged_camera(camera, field, frame, message), loss_ndc=loss)
+        result = replace(judged_camera(camera, field, frame, message), _loss=loss)
         if tau is not None and not loss <= tau:
             result = replace(result, status=Status.REJECTED, message=f"{message}, above tau = {tau:g}")
         results.append(result)

@@ -5,7 +5,7 @@ Calibrations as dicts for JSON: the keys of ``cameras.jsonl`` and ``solver.jsonl
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from dataclasses import field as attribute
 from functools import cached_property
@@ -81,9 +81,8 @@ class Calibration:
     rms: float
     """Root mean square distance of the pixels to the segments that they were fitted to, pixels; for suspect labels
     these are the segments that fit them."""
-    loss_ndc: float
-    """The paper's segment reprojection loss, which is compared with tau (`fieldcalib.assess.ndc`, "tvcalib"); NaN for
-    frames of a sequence."""
+    _loss: float | Callable[[], float]
+    """`loss_ndc`, or the function that computes it: that takes a tenth of the time of a single frame, and few need it."""
     per_segment_errors: Mapping[str, float]
     """Root mean square distance in pixels for each given label, in the order of the input; read-only."""
     suspect_labels: tuple[SuspectLabel, ...] = ()
@@ -151,6 +150,14 @@ class Calibration:
         if X.ndim == 1 and np.isnan(X[0]):
             warn(f"no ground is seen at pixel {short(xy)}: it is above the horizon, or beyond the lens", stacklevel=2)
         return X
+
+    @cached_property
+    def loss_ndc(self) -> float:
+        """The paper's segment reprojection loss, which is compared with tau (`fieldcalib.assess.ndc`, "tvcalib").
+
+        NaN for frames of a sequence.
+        """
+        return float(self._loss() if callable(self._loss) else self._loss)
 
     @property
     def solved(self) -> Solved | None:
@@ -487,7 +494,7 @@ class Calibration:
                 status=Status(record["status"]),
                 message=expect(record["message"], str, '"rms 1.00 px over 5 segments"'),
                 rms=float(from_json(record.get("rms_px"))),
-                loss_ndc=float(from_json(record.get("loss_ndc"))),
+                _loss=float(from_json(record.get("loss_ndc"))),
                 per_segment_errors={label: float(from_json(px)) for label, px in record["segment_errors_px"].items()},
                 suspect_labels=tuple(suspects),
                 alternatives=tuple(Camera.from_dict({**other, "image_size": size}) for other in record["alternatives"]),
@@ -506,7 +513,8 @@ class Calibration:
         return self is other or self.to_dict() == other.to_dict()
 
     def __reduce__(self) -> tuple[type[Calibration], tuple[Any, ...]]:
-        return Calibration, tuple(getattr(self, one.name) for one in fields(self))  # without cached values
+        known = replace(self, _loss=self.loss_ndc)  # a number, which can be pickled
+        return Calibration, tuple(getattr(known, one.name) for one in fields(known))  # without cached values
 
     def _repr_html_(self) -> str:
         """The field with what the camera sees of it, and a table, for notebooks."""
@@ -523,20 +531,6 @@ class Calibration:
             rows[f"right to {self.field.tolerance:g} m"] = f"{self.probability():.2f}{up_to}"
         picture = "" if self.field is None or self.camera is None else self.field.as_svg([self.camera])
         return picture + table(rows)
-
-
-def _loss_ndc(calibration: Calibration) -> float:
-    """The loss of a calibration, which is computed when it is first read."""
-    kept = vars(calibration)["loss_ndc"]
-    if callable(kept):
-        kept = vars(calibration)["loss_ndc"] = kept()
-    return float(kept)
-
-
-# It takes a tenth of the time of a single frame, and few need it: `calibrate_from_segments` gives a function.
-Calibration.loss_ndc = property(  # type: ignore[assignment]
-    _loss_ndc, lambda calibration, loss: vars(calibration).update(loss_ndc=loss)
-)
 
 
 def doubted(

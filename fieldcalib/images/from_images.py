@@ -382,9 +382,9 @@ def calibrate_from_images(
 
 def calibrate_pictures(how: How, images: Iterable[Image], executor: Executor | None = None) -> list[Calibration]:
     """Calibrate a camera for each of several checked images (`calibrate_from_images`)."""
-    (on, by_shape), as_frame = how.on_side(), replace(how, network=as_frames(how.network))
-    upright = None if as_frame.network is how.network else by_shape.network
-    how = as_frame.on_side()[1] if how.is_part else by_shape
+    by_shape, wide = how.network, as_frames(how.network)
+    on, how = (replace(how, network=wide) if how.is_part else how).on_side()
+    upright = None if by_shape is None or by_shape is wide else on.network(by_shape, how.task.field)
     whole, how = replace(how, part=None), how.on_part()
     task, by_network, without_matrix = how.task, how.network is not None, how.task.given.camera_matrix is None
     if by_network and how.place is not None:

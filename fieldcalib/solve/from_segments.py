@@ -380,7 +380,7 @@ def _judged(frames: _Frames) -> list[Calibration]:
             status=status,
             message="; ".join(notes),
             rms=evidence.rms,
-            loss_ndc=evidence.loss_ndc,  # type: ignore[arg-type]  # called when it is read
+            _loss=evidence.loss_ndc,
             per_segment_errors=errors,
             suspect_labels=suspects,
             alternatives=alternatives,

@@ -70,6 +70,7 @@ def is_against_convention(C: Array, options: Options) -> bool:
     if field is None or options.task.side is not None or is_told or side_of(C, field) != OPPOSITE:
         return False
     sides = {side_of_stand(stand, field) for stand in options.distributions}
+    # labels name unpainted points too, so all must have a counterpart, not only what `looks_the_same_turned` asks of
     return len(sides) > 1 and len(field.symmetric) == len(field)
 
 

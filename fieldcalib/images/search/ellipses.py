@@ -57,6 +57,12 @@ class Ellipse:
         T[:2, 2] = self._to_unit_circle @ (origin - self.centre)
         return np.asarray(T.T @ np.diag([1.0, 1.0, -1.0]) @ T)
 
+    @property
+    def perimeter(self) -> float:
+        """Perimeter by Ramanujan's approximation, pixels."""
+        a, b = self.axes
+        return float(np.pi * (3.0 * (a + b) - np.sqrt((3.0 * a + b) * (a + 3.0 * b))))
+
     def holds(self, stripes: Stripes) -> BoolArray:
         """Whether each stripe lies on the ellipse and runs along it, (N,)."""
         x, y = stripes.xy[:, 0] - self.centre[0], stripes.xy[:, 1] - self.centre[1]
@@ -100,12 +106,7 @@ def find_ellipses(stripes: Stripes, most: int) -> tuple[Ellipse, ...]:
                 found.append((ellipse, on))
                 explained.append({k for k, arc in enumerate(arcs) if np.mean(on[arc]) > OWN})
     found.sort(key=lambda one: -one[0].length)
-    kept: list[tuple[Ellipse, BoolArray]] = []  # without those that share most of their stripes with one before
-    for ellipse, on in found:
-        shared = (np.count_nonzero(on & other) / min(on.sum(), other.sum()) for _, other in kept)
-        if all(share < SAME for share in shared):
-            kept.append((ellipse, on))
-    return tuple(one for one, _ in kept)[:most]
+    return tuple(one for one, _ in _different(found))[:most]
 
 
 def _arcs(stripes: Stripes) -> list[IntArray]:
@@ -157,9 +158,7 @@ def _grown(stripes: Stripes, arcs: Sequence[IntArray]) -> list[tuple[Ellipse, Bo
             return []
     on = ellipse.holds(stripes)
     length = PIECE * len(np.unique(np.floor(stripes.xy[on] / PIECE), axis=0))
-    a, b = ellipse.axes
-    perimeter = np.pi * (3.0 * (a + b) - np.sqrt((3.0 * a + b) * (a + 3.0 * b)))  # by Ramanujan
-    is_seen = length > max(COVERED * perimeter, SHORTEST)
+    is_seen = length > max(COVERED * ellipse.perimeter, SHORTEST)
     return [(Ellipse(ellipse.centre, ellipse.axes, ellipse.turn, length), on)] if is_seen else []
 
 
@@ -176,6 +175,16 @@ def _fitted(xy: Array) -> Ellipse | None:
         return None
     centre = middle + scale * np.array([x, y])
     return Ellipse(tuple(centre.tolist()), (0.5 * scale * a, 0.5 * scale * b), float(np.radians(degrees)))
+
+
+def _different(found: Sequence[tuple[Ellipse, BoolArray]]) -> list[tuple[Ellipse, BoolArray]]:
+    """Leave out ellipses that share most of their stripes with one before."""
+    kept: list[tuple[Ellipse, BoolArray]] = []
+    for ellipse, on in found:
+        shared = (np.count_nonzero(on & other) / min(on.sum(), other.sum()) for _, other in kept)
+        if all(share < SAME for share in shared):
+            kept.append((ellipse, on))
+    return kept
 
 
 def _turn(angle: Array) -> Array:

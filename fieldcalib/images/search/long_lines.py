@@ -85,11 +85,9 @@ def long_lines(stripes: Stripes, most: int) -> LongLines:
         on = left & _is_on(xy, across, normal, offset, NEAR, ALIKE)
         # cells of the transform are too coarse for a homography, so the line is fitted to the stripes on it
         for _ in range(FITS):
-            if np.count_nonzero(on) * 1.0 < SHORTEST / PIECE:
+            if np.count_nonzero(on) < SHORTEST / PIECE:
                 break
-            centre = xy[on].mean(axis=0)
-            normal = np.linalg.eigh(np.cov((xy[on] - centre).T))[1][:, 0]  # total least squares
-            offset = float(normal @ centre)
+            normal, offset = _fitted(xy[on])
             on = left & _is_on(xy, across, normal, offset, NEAR, ALIKE)
         along = xy[on] @ (-normal[1], normal[0])
         length = PIECE * len(np.unique(np.floor(along / PIECE)))
@@ -144,6 +142,13 @@ def _is_on(xy: Array, across: Array, normal: Array, offset: float, near: float, 
     turn = across[on] - np.arctan2(normal[1], normal[0])
     on[on] = np.abs(turn - np.pi * np.round(turn / np.pi)) < alike
     return np.asarray(on)
+
+
+def _fitted(xy: Array) -> tuple[Array, float]:
+    """Normal and offset of the line through pixels (N, 2), by total least squares."""
+    centre = xy.mean(axis=0)
+    normal = np.linalg.eigh(np.cov((xy - centre).T))[1][:, 0]
+    return normal, float(normal @ centre)
 
 
 @dataclass(frozen=True)

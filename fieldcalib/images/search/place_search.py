@@ -96,6 +96,10 @@ class Place:
         low, high = np.log(np.array(self.zoom) * width)
         return np.asarray(np.exp(np.arange(low, high + 1e-9, 2.0 * step / width)))
 
+    def is_near(self, camera: Camera) -> bool:
+        """Whether a camera's position agrees with the place."""
+        return float(np.linalg.norm((camera.C - self.C) / self.sigma)) < NEARBY
+
     def stand(self, field: Field) -> CameraDistribution:
         """The place as a prior: the nearest stand of the field, narrowed to the place."""
         middle = np.array([[sum(stand.x) / 2.0, sum(stand.y) / 2.0, sum(stand.z) / 2.0] for stand in field.stands])
@@ -154,7 +158,7 @@ def search_from(task: Task, field: Field, image: Image, place: Place) -> Calibra
     refined = with_errors(known, field, image, refine_courts(known, field, image, cameras))
     found = [one.judged for one in refined]
     accepted = [one for one in found if one.accepted]
-    at_place = [one for one in accepted if np.linalg.norm((one.required_camera.C - place.C) / place.sigma) < NEARBY]
+    at_place = [one for one in accepted if place.is_near(one.required_camera)]
     return _best(at_place or accepted, stripes.maps, field) if accepted else found[0]
 
 
@@ -329,7 +333,11 @@ def place_of(found: Sequence[Calibration], share: float | None = None) -> Place 
     if not accepted:
         return None
     share = share or (LAST if len(accepted) >= AGREE else FIRST)
-    C, cameras = voted_centres(accepted, 1)[0], [one.required_camera for one in accepted]
+    return _place(voted_centres(accepted, 1)[0], share, [one.required_camera for one in accepted])
+
+
+def _place(C: Array, share: float, cameras: Sequence[Camera]) -> Place:
+    """The place at C (3,), with zoom and distortion of cameras there."""
     zoom = [camera.focal_length / camera.image_size[0] for camera in cameras]
     bend = float(np.median([Bend.of(camera).a for camera in cameras]))
     return Place(C, np.full(3, share * float(np.linalg.norm(C))), (min(zoom) / ZOOM, max(zoom) * ZOOM), bend)
