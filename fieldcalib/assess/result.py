@@ -82,7 +82,7 @@ class Calibration:
     """Root mean square distance of the pixels to the segments that they were fitted to, pixels; for suspect labels
     these are the segments that fit them."""
     _loss: float | Callable[[], float]
-    """`loss_ndc`, or the function that computes it: that takes a tenth of the time of a single frame, and few need it."""
+    """`loss_ndc`, or the function that computes it, which takes a tenth of the time of a single frame."""
     per_segment_errors: Mapping[str, float]
     """Root mean square distance in pixels for each given label, in the order of the input; read-only."""
     suspect_labels: tuple[SuspectLabel, ...] = ()

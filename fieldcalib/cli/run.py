@@ -91,15 +91,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_image_limits(parser)
     add_run_options(parser)
     parser.add_argument(
-        "--same-camera",
-        nargs="?",
-        const="",
-        metavar="DIR",
-        help="one camera on a tripod took all images: courts that are found in some tell where to search in others; "
-        "DIR: earlier results, whose good cameras are recognised by their paint, also if they moved a little",
-    )
-    parser.add_argument("--report", action="store_true", help=f"write {REPORT} too: one file for any browser")
-    parser.add_argument(
         "--open",
         action="store_true",
         help="then open the results in the browser, at the first frame that is not good, as fieldcalib open does",

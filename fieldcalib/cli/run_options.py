@@ -23,6 +23,7 @@ from fieldcalib.localize import Network
 from fieldcalib.problem.picture_shape import Placement
 from fieldcalib.run_folder.frame_source import ReadImage, is_clip, is_video, videos_in
 from fieldcalib.run_folder.record import ESTIMATED, Outcome, RunOptions
+from fieldcalib.run_folder.results import REPORT
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import Prior
 
@@ -47,10 +48,6 @@ class RunRequest:
     """Whether the size of the field is estimated."""
     same_field: bool
     """Whether all images show one field."""
-    same_camera: str | None
-    """Folder with earlier results of the cameras of images; empty if one camera took all images, None if neither."""
-    report: bool
-    """Whether a report of one file is written too."""
     refine: bool = option(
         "do not look for the white lines in the image: quicker, and less exact",
         name="--no-refinement",
@@ -78,6 +75,14 @@ class RunRequest:
         action="append",
         metavar="ADDRESS",
     )
+    same_camera: str | None = option(
+        "one camera on a tripod took all images: courts that are found in some tell where to search in others; DIR: "
+        "earlier results, whose good cameras are recognised by their paint, also if they moved a little",
+        nargs="?",
+        const="",
+        metavar="DIR",
+    )
+    report: bool = switch(f"write {REPORT} too: one file for any browser")
     keep_rejected: bool = switch("count the best camera of every frame, whatever the verdict says")
     draws: bool = option(
         "draw nothing: no overlays, no plot, no sheet of the worst frames",

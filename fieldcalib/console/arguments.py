@@ -7,7 +7,7 @@ segmentation network of a command: --model, --provider, --threads.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
@@ -17,7 +17,7 @@ import numpy as np
 
 from fieldcalib._interrupts import interrupts_end_the_process
 from fieldcalib._progress import say
-from fieldcalib.console.options import did_you_mean, given, option
+from fieldcalib.console.options import add_options, did_you_mean, given, option, switch
 from fieldcalib.fields.catalogue import AUTO, FIELDS, field_named, likely_fields
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.ground import Ground
@@ -228,34 +228,25 @@ def _format(text: str) -> str:
     return text
 
 
-RUN_OPTIONS: Mapping[str, Mapping[str, Any]] = {
-    "jobs": {
-        "type": count,
-        "default": 1,
-        "metavar": "N",
-        "help": "processes, each with one thread; the results are the same (1)",
-    },
-    "shard": {
-        "type": told_by(Shard.parse),
-        "metavar": "K/N",
-        "help": "do only the K-th of N parts of the work, for several machines; fieldcalib join puts them together "
-        "(all)",
-    },
-    "resume": {
-        "action": "store_true",
-        "help": "go on with the run in DIR where it stopped; the files are the same then",
-    },
-    "overwrite": {"action": "store_true", "help": "remove the results of an earlier run in DIR first"},
-}
+@dataclass(frozen=True)
+class _RunArguments:
+    """How much of the work is done by whom, and what becomes of an earlier run in the folder."""
+
+    jobs: int = option(
+        "processes, each with one thread; the results are the same (1)", default=1, type=count, metavar="N"
+    )
+    shard: Shard | None = option(
+        "do only the K-th of N parts of the work, for several machines; fieldcalib join puts them together (all)",
+        type=told_by(Shard.parse),
+        metavar="K/N",
+    )
+    resume: bool = switch("go on with the run in DIR where it stopped; the files are the same then", exclusive="again")
+    overwrite: bool = switch("remove the results of an earlier run in DIR first", exclusive="again")
 
 
 def add_run_options(parser: argparse.ArgumentParser, *names: str) -> None:
     """--jobs, --shard, --resume and --overwrite, or some of them."""
-    names = names or tuple(RUN_OPTIONS)
-    again = parser.add_mutually_exclusive_group() if {"resume", "overwrite"} & set(names) else parser
-    for name in names:
-        group = again if name in ("resume", "overwrite") else parser
-        group.add_argument(f"--{name}", **RUN_OPTIONS[name])
+    add_options(parser, _RunArguments, *names)
 
 
 def run_options(options: argparse.Namespace) -> RunOptions:

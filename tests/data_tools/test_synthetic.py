@@ -17,7 +17,7 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 
 SIZE = (512, 288)
-SEEDS = range(24)
+SEEDS = range(18)
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def hard_frames():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("data_tools.synthetic.frames.HARD_SHARE", 1.0)
         patch.setattr("data_tools.synthetic.frames.EMPTY_SHARE", 0.0)
-        return [frame(seed) for seed in range(100, 120)]
+        return [frame(seed) for seed in range(100, 114)]
 
 
 @pytest.fixture(scope="module")

@@ -48,7 +48,7 @@ size_known: true
 )
 def test_every_field_is_read_as_it_was_written(tmp_path, name, suffix):
     field, path = field_named(name), tmp_path / f"field{suffix}"
-    for one in (field, replace(field, size_model=None)):
+    for one in [field, replace(field, size_model=None)][: 1 + (field.size_model is not None)]:
         write_field(path, one)
         assert read_field(path) == one
 

@@ -26,10 +26,15 @@ def prose(path):
     """Docstrings and comments of a source file; the whole text of any other file."""
     if path.suffix not in (".py", ".pyi"):
         return path.read_text(encoding="utf-8")
-    documented = (ast.Module, ast.ClassDef, ast.FunctionDef)
-    nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-    docstrings = (ast.get_docstring(node) or "" for node in nodes if isinstance(node, documented))
-    return "\n".join([*comments_of(path), *docstrings])
+    return "\n".join([*comments_of(path), *docstrings_in(ast.parse(path.read_text(encoding="utf-8")))])
+
+
+def docstrings_in(node):
+    """The docstrings of a statement and of those inside it; expressions, which have none, are not looked through."""
+    if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+        yield ast.get_docstring(node, clean=False) or ""
+    for inner in getattr(node, "body", ()):
+        yield from docstrings_in(inner)
 
 
 def comments_of(path):

@@ -290,7 +290,7 @@ def test_equality_sees_every_part(batch):
         "status": Status.IMPROBABLE,
         "message": "",
         "rms": 9.0,
-        "loss_ndc": 9.0,
+        "_loss": 9.0,
         "per_segment_errors": {},
         "suspect_labels": (SuspectLabel("Middle line", None, 9.0),),
         "alternatives": (TRUTH,),

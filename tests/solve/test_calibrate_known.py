@@ -274,7 +274,7 @@ def test_the_lens_is_found_by_default(a1):
 
 @pytest.mark.parametrize("flags", [DEFAULT_FLAGS, DEFAULT_FLAGS & ~CalibrationFlags.CALIB_FIX_K2])
 def test_no_lens_folds_whatever_the_frame(flags):
-    frames, _ = random_frames(40, seed=11, noise=2.0, least_segments=4)
+    frames, _ = random_frames(20, seed=11, noise=2.0, least_segments=4)
     for calibration in calibrate_batch(FIELD, frames, SIZE, flags=flags):
         camera = calibration.camera
         assert camera.lens.is_monotone(np.array([1e3 * camera.half_diagonal, 0.0]), camera.lens_coefficients)

@@ -1,6 +1,7 @@
 """Clips whose frames do not share one place: parts with places of their own, a camera that moves, or nothing."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -54,6 +55,12 @@ def solved(clip):
     return solve_tripods(solve_shots(clip))
 
 
+@cache
+def of_one_place(count):
+    """A clip of a camera that pans on its tripod, solved."""
+    return solved(clip_of(panned(count, -0.4, 0.4)))
+
+
 def finished(found, paint=None):
     """All frames, from the labels of keyframes."""
     members = tuple(one.pieces for one in found.tripods)
@@ -89,19 +96,24 @@ def test_the_prior_of_zoom_and_angles_does_not_count_in_every_frame():
     assert all(abs(found[name][0] - value) < 2.0 * found[name][1] for name, value in truth.items())
 
 
+@cache
+def of_part(size):
+    """The frames of a short clip, or of a part that is cut out of it."""
+    return together(clip_of([one if size == SIZE else one.cropped((328, 0), CUT) for one in panned(4, -0.02, 0.02)]))
+
+
 @pytest.mark.parametrize(
     ("width", "sigma", "size", "is_doubted"),
     [
-        (62.0, 0.9, (304, 540), True),
-        (62.0, 0.3, (304, 540), False),
-        (66.0, 0.9, (304, 540), False),
+        (62.0, 0.9, CUT, True),
+        (62.0, 0.3, CUT, False),
+        (66.0, 0.9, CUT, False),
         (62.0, 0.9, SIZE, False),
     ],
 )
 def test_a_part_whose_size_of_the_field_is_odd_and_hardly_told_is_doubted(width, sigma, size, is_doubted):
     """A wrong line may be the reason, where the principal point is open."""
-    cameras = [one if size == SIZE else one.cropped((328, 0), CUT) for one in panned(4, -0.02, 0.02)]
-    found, how = together(clip_of(cameras)), How(Task(FIELD))
+    found, how = of_part(size), How(Task(FIELD))
     found = replace(found, names=("width",), values=np.array([width]), covariance=np.array([[sigma**2]]))
     judged = _with_place_of_picture(found, how, TRIPOD)
     assert all(one.has_finding(What.PART) == is_doubted for one in judged if one.camera is not None)
@@ -151,7 +163,7 @@ def far_off(found, camera):
 
 
 def test_one_place_that_holds_stays():
-    found = solved(clip_of(panned(10, -0.4, 0.4)))
+    found = of_one_place(10)
     (tripod,) = found.tripods
     assert (found.notes, found.pieces.models, tripod.pieces) == ((), {}, (0,))
     assert not is_contradicted(tripod.calibration.frames.misfit, SIZE).any()
@@ -196,23 +208,33 @@ def test_a_window_that_moves_is_found_out(size):
     assert [one.verdict for one in found] == [Verdict.GOOD] * 16
 
 
+PENALTY_AREA = [Camera.from_angles(0.55 + 0.01 * k, 1.36, 0.0, 1500.0, (0.0, 66.0, -16.0), SIZE) for k in range(5)]
+
+
+@cache
+def of_penalty_area():
+    return solved(clip_of(PENALTY_AREA))
+
+
+@cache
+def paint_of_penalty_area(k, off):
+    """What a frame shows along its markings, whose paint lies some metres beside them."""
+    camera, markings = PENALTY_AREA[k], Markings.of(FIELD)
+    image = picture(moved(camera, (0.0, off, 0.0)), FIELD)
+    return FramePaint.of(image, camera, profiles_along(camera, markings), markings)
+
+
 @pytest.mark.parametrize(("off", "is_doubted"), [(5, True), (4, True), (2, False), (0, False)])
 def test_paint_past_an_end_counts_in_a_clip_where_most_frames_show_it(off, is_doubted):
     """The lines of a penalty area lie on paint, but in some frames it goes on by seven metres."""
-    cameras = [Camera.from_angles(0.55 + 0.01 * k, 1.36, 0.0, 1500.0, (0.0, 66.0, -16.0), SIZE) for k in range(5)]
-    shown = [moved(camera, (0.0, 7.0 * (k < off), 0.0)) for k, camera in enumerate(cameras)]
-    markings, found = Markings.of(FIELD), solved(clip_of(cameras))
-    paint = {
-        k: FramePaint.of(picture(other, FIELD), camera, profiles_along(camera, markings), markings)
-        for k, (camera, other) in enumerate(zip(cameras, shown, strict=True))
-    }
-    video = finished(found, paint)
+    paint = {k: paint_of_penalty_area(k, 7.0 * (k < off)) for k in range(5)}
+    video = finished(of_penalty_area(), paint)
     assert [one.has_finding(What.PAST_END) for one in video] == 5 * [is_doubted]
     assert not is_doubted or all(one.verdict is Verdict.CHECK for one in video)
 
 
 def test_a_second_look_that_loses_cameras_is_not_taken(monkeypatch):
-    result = solved(clip_of(panned(10, -0.4, 0.4)))
+    result = of_one_place(10)
     found = finished(result)
     beside = MarkingInView("Middle line", 300.0, 25, share=0.1, offset=21.4)
     found = replace(found, tripods=tuple(one.seen_in_images({0: (beside,)}) for one in found.tripods))
@@ -409,11 +431,6 @@ def test_a_principal_point_that_its_prior_holds_back_is_to_be_checked(monkeypatc
     answered = finished(solved(replace(clip, how=replace(clip.how, declared=Declared.FRAME))))
     assert not any(one.has_finding(What.PART) for one in answered)
     assert {one.verdict for one in answered} == {Verdict.GOOD}
-
-
-def test_whole_pictures_are_no_parts():
-    found = solved(clip_of(panned(12, -0.4, 0.4)))
-    assert (found.pieces.models, found.notes) == ({}, ())
 
 
 def test_a_frame_that_nothing_ties_does_not_say_that_it_shows_no_marking():
