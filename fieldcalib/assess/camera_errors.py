@@ -269,14 +269,14 @@ class KnownErrors(Estimate):
     def __init__(
         self, layout: Layout, theta: Array, covariance: Array, dof: float = np.inf, field: Field | None = None
     ) -> None:
-        self._layout, self._theta, self._covariance, self.dof, self.field = layout, theta, covariance, dof, field
+        self.layout, self.theta, self._covariance, self.dof, self.field = layout, theta, covariance, dof, field
 
     @staticmethod
     def compute(several: Sequence[KnownErrors]) -> None:
         """Compute and cache the errors in view of frames of one layout, which see one field, all at once."""
         layout, field = several[0].layout, several[0].field
         assert field is not None
-        theta, covariance = (np.array([getattr(one, name) for one in several]) for name in ("_theta", "_covariance"))
+        theta, covariance = (np.array([getattr(one, name) for one in several]) for name in ("theta", "_covariance"))
         for one, in_view in zip(several, ErrorsInView.of(theta, covariance, layout, field), strict=True):
             one.in_view = in_view
 
@@ -289,17 +289,7 @@ class KnownErrors(Estimate):
     def in_view(self) -> ErrorsInView:
         """Errors of the points of the field in view."""
         assert self.field is not None
-        return ErrorsInView.of(self._theta[None], self._covariance[None], self._layout, self.field)[0]
-
-    @property
-    def layout(self) -> Layout:
-        """Names and order of the parameters."""
-        return self._layout
-
-    @property
-    def theta(self) -> Array:
-        """The estimate, (n,)."""
-        return self._theta
+        return ErrorsInView.of(self.theta[None], self._covariance[None], self.layout, self.field)[0]
 
     @property
     def observability(self) -> tuple[Direction, ...]:

@@ -193,6 +193,10 @@ class GroundError:
 class Estimate(ABC):
     """An estimated camera and its errors, from a covariance of any origin."""
 
+    layout: Layout
+    """Names and order of the parameters."""
+    theta: Array
+    """The estimate, (n,)."""
     dof: float
     """Degrees of freedom of Student's and Fisher's distributions, which give the size of regions."""
     field: Field | None
@@ -201,16 +205,6 @@ class Estimate(ABC):
     @abstractmethod
     def on(self, field: Field | None) -> Self:
         """The estimate with another field in view: errors are then relative to its markings."""
-
-    @property
-    @abstractmethod
-    def layout(self) -> Layout:
-        """Names and order of the parameters."""
-
-    @property
-    @abstractmethod
-    def theta(self) -> Array:
-        """The estimate, (n,)."""
 
     @property
     @abstractmethod

@@ -136,12 +136,12 @@ class Uncertainty(Estimate):
         return self.evaluation.problem
 
     @property
-    def theta(self) -> Array:
+    def theta(self) -> Array:  # type: ignore[override]
         """The estimate, (n,)."""
         return np.asarray(self.evaluation.theta[0])
 
     @property
-    def layout(self) -> Layout:
+    def layout(self) -> Layout:  # type: ignore[override]
         """Names and order of the parameters."""
         return self.problem.layout
 

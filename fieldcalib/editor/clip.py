@@ -64,10 +64,6 @@ Progress = Callable[[int, int, str], None]
 """Gets the number of frames that are done, of all, and the stage; may raise an error to end the work."""
 
 
-def ignored(done: int, count: int, stage: str) -> None:
-    """Ignore the progress of some work: the default for `Progress`."""
-
-
 class Window(NamedTuple):
     """Consecutive frames that are solved together."""
 

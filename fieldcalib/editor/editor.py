@@ -13,7 +13,7 @@ from fieldcalib._progress import counted
 from fieldcalib._types import expect, file_path, one_of, truth, whole_number
 from fieldcalib.assess.findings import Status
 from fieldcalib.assess.result import Calibration
-from fieldcalib.editor.clip import FirstPass, Progress, Proposal, first_pass, ignored, next_frame, solve, window_around
+from fieldcalib.editor.clip import FirstPass, Progress, Proposal, first_pass, next_frame, solve, window_around
 from fieldcalib.editor.edit import Edit, History, Marks, check_edit
 from fieldcalib.editor.fitting import automatic, marks_of, network_marks, network_of, searched, with_strays
 from fieldcalib.editor.folder import NOTHING_KEPT, Folder, field_of, frames_of, places_of
@@ -30,6 +30,7 @@ from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.image_files import Image
 from fieldcalib.localize import Network
 from fieldcalib.results.frames import NoFrameError
+from fieldcalib.run_folder.frame_source import ignored
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import ALL
 

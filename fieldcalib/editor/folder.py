@@ -21,7 +21,7 @@ from fieldcalib.editor.clip import AGAIN, Progress, Proposal, draw_again
 from fieldcalib.editor.edit import Edit, History
 from fieldcalib.editor.frame import FrameEditor
 from fieldcalib.editor.frame_states import FrameState, FrameStates, Row, basis_of, is_by_hand
-from fieldcalib.editor.journal import NOTHING_WRITTEN, FrameHistory, Journal, Replayed, Unfinished, nothing
+from fieldcalib.editor.journal import NOTHING_WRITTEN, FrameHistory, Journal, Replayed, Unfinished
 from fieldcalib.editor.label_files import SOCCERNET, GivenLabels, label_file, label_files, saved_files, soccernet_file
 from fieldcalib.editor.label_versions import Announce, Announced
 from fieldcalib.editor.saved_files import LastSave, NewRun, Saved, Stored, source_of
@@ -425,7 +425,7 @@ class Folder:
                 self.journal.begin(self._id(n), state.edits.history.present, state.base)
                 state.has_begun = True
 
-    def _announcing(self, kind: str, numbers: Sequence[int] = (), done: Callable[[], None] = nothing) -> Announce:
+    def _announcing(self, kind: str, numbers: Sequence[int] = (), done: Callable[[], None] = ignored) -> Announce:
         """Function that announces a save in the journal; `done` is called when its files are there, see `_finish`."""
 
         def announce(announced: Announced) -> None:

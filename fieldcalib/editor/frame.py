@@ -39,7 +39,7 @@ from fieldcalib.fields.catalogue import field as field_by_name
 from fieldcalib.fields.field import Field, terrain_of
 from fieldcalib.fields.segments import Segment
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.homography import dehomogenize, homogenize
+from fieldcalib.images.background.background_motion import mapped
 from fieldcalib.images.background.matches import Matches, match_background, match_far
 from fieldcalib.images.shape.shape_of_picture import log_ratio_of_squash
 from fieldcalib.io.image_files import Image, checked_image, html_picture, size_of
@@ -601,11 +601,7 @@ def moved_marks(marks: Marks, image: Image, to: FrameEditor) -> Marks:
 
 def _moved(matches: Matches, xy: Array) -> Array:
     """Map pixels (N, 2) of static points to the second frame, by the homography and the residuals of matches nearby."""
-    rest = matches.second - _mapped(matches.homography, matches.first)
+    rest = matches.second - mapped(matches.homography, matches.first)
     apart = np.linalg.norm(xy[:, None] - matches.first, axis=2)
     near = np.argsort(apart, axis=1)[:, :NEAREST]
-    return _mapped(matches.homography, xy) + np.median(rest[near], axis=1)
-
-
-def _mapped(H: Array, xy: Array) -> Array:
-    return np.asarray(dehomogenize(homogenize(xy) @ H.T))
+    return mapped(matches.homography, xy) + np.median(rest[near], axis=1)

@@ -30,6 +30,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.io.files import WRONG_RECORD, BrokenFileError, parse_json_object
 from fieldcalib.io.formats import OTHER_ANNOTATIONS
 from fieldcalib.io.output_folder import FolderInUseError, LineLog, locked_folder, output_folder, whole_lines
+from fieldcalib.run_folder.frame_source import ignored
 
 JOURNAL = "edits.jsonl"
 NOTES = frozenset(("saved", "taken_back", "written"))  # keys of notes about files
@@ -93,10 +94,6 @@ class FrameHistory:
         return wrong
 
 
-def nothing() -> None:
-    """Do nothing."""
-
-
 class Unfinished(NamedTuple):
     """A save that was announced but not yet noted as done; after a restart, the process had ended in between."""
 
@@ -105,7 +102,7 @@ class Unfinished(NamedTuple):
     """The line of the journal that follows when it is done."""
     edits: Mapping[str, Edit]
     """States of the frames that it saves, by id."""
-    done: Callable[[], None] = nothing
+    done: Callable[[], None] = ignored
     """Called when its files are in place."""
 
 

@@ -566,7 +566,7 @@ class OneByOne:
             chosen = islice(self.iterator, numbers.start, min(numbers.stop, sys.maxsize), numbers.step)
             named = zip(numbers, chosen, strict=False)
             return (Frame(f"{number:06d}", checked_image(image)) for number, image in named), None
-        _warn_of(self.pictures.beyond())
+        _warn(self.pictures.beyond())
         source = self.pictures.frames(_warn) if self.pictures.is_video or len(self.pictures.images) else None
         if source is not None:
             return iter(source), source.count or None
@@ -597,7 +597,7 @@ class Clip:
 
     def calibrate(self, how: How, progress: Progress, executor: Executor | None = None) -> Results:
         """Calibrate all of it."""
-        _warn_of(self.pictures.beyond())
+        _warn(self.pictures.beyond())
         source = self.pictures.frames(_warn)
         input = ClipInput(source, partial(part_of_frame, how.part), progress)
         with solving(SOLVING, progress):
@@ -642,17 +642,12 @@ class LiveStream:
             for frame in frames:
                 collected.add(frame.id, tracked(tracker, frame, place), basis=str(tracker.basis), time_s=frame.seconds)
                 bar.update()
-        _warn_of(reader.remark)
-        _warn_of(reader.loss())
+        _warn(reader.remark)
+        _warn(reader.loss())
         return Results(collected.frames())
 
 
 def _warn(message: str) -> None:
-    """Warn the caller of `fieldcalib.calibrate`."""
-    warnings.warn(message, stacklevel=2)
-
-
-def _warn_of(message: str) -> None:
-    """Warn the caller, unless the message is empty."""
+    """Warn the caller of `fieldcalib.calibrate`, unless the message is empty."""
     if message:
-        _warn(message)
+        warnings.warn(message, stacklevel=2)

@@ -11,7 +11,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import chain, count, islice
 from pathlib import Path
 from threading import Lock
@@ -61,12 +61,8 @@ class Frame:
     """Time stamp of a frame of a video, if it is known."""
 
 
-def accepted(image: Image) -> None:
-    """Accept any image: the default of checks."""
-
-
-def ignored(message: str) -> None:
-    """Ignore a message."""
+def ignored(*told: object) -> None:
+    """Do nothing: what is told is of no interest, and any image is accepted."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +71,7 @@ class ReadImage:
 
     most_bytes: float = MOST_BYTES
     most_pixels: float = MOST_PIXELS
-    check: Callable[[Image], object] = accepted
+    check: Callable[[Image], object] = ignored
 
     def __call__(self, item: FrameFile | Frame) -> Frame:
         """Read the image of a file."""
@@ -509,14 +505,13 @@ def checked_frames(name: Input, reader: FrameReader, check: Callable[[Image], ob
             yield Frame(f"{number:06d}", image, path=str(name), is_of_video=True, seconds=reader.seconds)
 
 
-def whole_frame(image: Image) -> Placement:
-    """Placement of an image that is a whole frame."""
-    return Placement.whole(size_of(image))
-
-
 def part_of_frame(part: Crop | None, image: Image) -> Placement:
     """Placement of an image that is a part of a frame, or a whole one."""
     return placed(size_of(image), size_of(image), part)
+
+
+whole_frame = partial(part_of_frame, None)
+"""Placement of an image that is a whole frame."""
 
 
 def placed(size: tuple[int, int], display_size: tuple[int, int], part: Crop | None) -> Placement:
