@@ -307,7 +307,8 @@ def _calibrated_as(reading: PointReading, points: Points, task: Task, image_size
     read = replace(points, X=points.X @ reading.axes.T)
     flags = int(task.flags or 0) & ~reading.freed
     on_field = _on_field(task.prior)
-    task = replace(task, object_segments=soccer_points(read.segments) if on_field else read.segments, flags=flags)
+    segments = soccer_points(read.segments) if on_field else read.segments
+    task = replace(task, object_segments=segments, flags=flags, finds_mislabels=reading.finds_wrong)
     options = task.options(reading.image_size or image_size)
     calibrate = _calibrate_without_prior if task.prior is None else _calibrate_on_field
     return calibrate(read, task, options)

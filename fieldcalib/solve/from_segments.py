@@ -289,7 +289,7 @@ def _solved(
         found.evaluation, max_iterations=options.max_iterations, tolerance=options.approach_tolerance
     ).evaluation
     relabelled = Relabelled(approached, found.prior, [()] * len(observations))
-    if not options.task.trust_labels:
+    if options.task.finds_mislabels and not options.task.trust_labels:
         relabelled = without_mislabels(approached, found.prior, options)
     start = with_segment_ends(relabelled.evaluation, options.wide_loss.scale)
     solution = solve(start, max_iterations=options.max_iterations, tolerance=options.tolerance)

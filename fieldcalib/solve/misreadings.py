@@ -53,6 +53,8 @@ class PointReading:
     """Size of the picture in which the pixels are; None for the given one."""
     freed: int = 0
     """`CalibrationFlags` that are taken away: what they fix is then estimated."""
+    finds_wrong: bool = True
+    """Whether single wrong points are searched for."""
 
 
 NOT_SQUARE = PointReading((Finding(What.NOT_SQUARE),), freed=CalibrationFlags.CALIB_FIX_ASPECT_RATIO)
@@ -107,11 +109,15 @@ def with_best_reading(
     """The calibration, with the reading named that explains all points, if there is one; no point is then blamed."""
     given = np.inf if found.status is Status.IMPLAUSIBLE else _points_cost(found, options)
     explained: list[tuple[float, PointReading, Calibration]] = []
+
+    def fits(one: Calibration) -> bool:
+        return one.accepted and not is_contradicted(one) and one.rms <= EXPLAINED * options.noise
+
     for reading in sorted(readings, key=lambda one: len(one.findings)):
         if explained and len(reading.findings) > len(explained[0][1].findings):
             break  # one cause rather than two
-        one = read(reading)
-        if one.accepted and not is_contradicted(one) and one.rms <= EXPLAINED * options.noise:
+        # the search for wrong points takes longest, and a reading under which some are wrong explains not all of them
+        if fits(read(replace(reading, finds_wrong=False))) and fits(one := read(reading)):
             odds = LOG_ODDS + np.log(len(readings)) + CERTAIN * len(reading.findings)
             odds += CERTAIN * (options.field is not None and _is_opposite(one, options.field))
             cost = _points_cost(one, options) + odds

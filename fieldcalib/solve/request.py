@@ -164,6 +164,8 @@ class Task:
     tau: float | None = None
     paint: float = 0.0
     trust_labels: bool = False
+    finds_mislabels: bool = True
+    """Whether mislabelled segments are searched for, unless labels are trusted."""
     side: Side | None = None
     """Side of the field on which cameras are whose labels do not tell it; None where a person names the ends."""
 

@@ -21,6 +21,8 @@ from fieldcalib import (
 from fieldcalib.assess import Verdict
 from fieldcalib.assess.findings import What
 from fieldcalib.fields import badminton, tennis
+from fieldcalib.solve import from_segments
+from fieldcalib.solve.mislabels import without_mislabels
 from fieldcalib.solve.solver_options import CalibrationFlags
 
 SIZE = (960, 540)
@@ -189,6 +191,15 @@ def test_points_of_a_field_with_an_axis_turned_over(name, signs, prior):
     assert (found.verdict, causes(found), blamed(found)) == (Verdict.REJECT, [What.LEFT_HANDED], set())
     (axes,) = (one for one in found.findings if one.what is What.LEFT_HANDED)
     assert "xyz".index(axes.about) == (2 if prior is None else np.argmin(signs))  # without a field any axis does
+
+
+def test_wrong_points_are_searched_for_only_as_given_and_where_a_reading_explains_all(monkeypatch):
+    """The search takes most of the time, and a dozen readings are tried."""
+    searched = []
+    monkeypatch.setattr(from_segments, "without_mislabels", lambda *a: searched.append(a) or without_mislabels(*a))
+    X, xy = seen(CAMERAS["left"])
+    assert causes(calibrate_from_points(X * Z_OVER, xy, SIZE, prior=None)) == [What.LEFT_HANDED]
+    assert len(searched) == 2
 
 
 @pytest.mark.parametrize(("signs", "axis"), [(Y_OVER, "y"), pytest.param(X_OVER, "x", marks=pytest.mark.slow)])
