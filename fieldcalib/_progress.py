@@ -107,10 +107,8 @@ def progress_bar(
     0 2 looking
     1 2 looking
     """
-    if progress is False:
-        yield _Silent()
-    elif progress is not True:
-        yield _Told(progress, total, initial, desc)
+    if progress is not True:
+        yield _Told((lambda *_: None) if progress is False else progress, total, initial, desc)
     elif _is_drawn():
         with _bar(unit, total, initial, desc) as bar:
             yield bar
@@ -118,13 +116,6 @@ def progress_bar(
         lines = _Lines(unit, total, initial, desc)
         with _LINES.shown(lines):
             yield lines
-
-
-class _Silent:
-    """Shows nothing."""
-
-    def update(self, n: int = 1) -> None:
-        """Count `n` more."""
 
 
 class _Told:

@@ -299,9 +299,7 @@ def _box(xy: Array, reach: float, size: tuple[int, int]) -> tuple[IntArray, IntA
 def _ridge(blurred: Float32, sigma: float) -> tuple[Array, Array, Array]:
     """Offset from each pixel to the middle of a light line (h, w, 2), the line's normal (h, w, 2), and its strength.
 
-    The strength is in grey values.
-
-    `sigma` is the standard deviation of the blur.
+    The strength is in grey values; `sigma` is the standard deviation of the blur.
     """
     gy, gx = np.gradient(blurred)
     gyy, gyx = np.gradient(gy)

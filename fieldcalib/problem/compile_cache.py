@@ -41,7 +41,7 @@ def cached(**options: Any) -> Callable[[Function], Function]:
 
 
 def _bear_faults(cache: Any) -> None:
-    """Let Numba's cache of a function take a file that is torn for none, and a full disk for no error."""
+    """Let Numba's cache of a function treat a damaged file as missing, and a full disk as no error."""
     load, save = cache.load_overload, cache.save_overload
 
     def load_overload(signature: Any, target: Any) -> Any:

@@ -199,7 +199,7 @@ class FrameSource(ABC):
 
     @abstractmethod
     def part(self, begin: int, end: int) -> FrameSource:
-        """The frames from the `begin`-th up to the `end`-th in order, which tells no message."""
+        """The frames from the `begin`-th up to the `end`-th in order, without messages."""
 
     def learn(self, reading: Reading) -> None:
         """Take over what readings of parts have told, and tell it."""
@@ -525,8 +525,8 @@ def placed(size: tuple[int, int], display_size: tuple[int, int], part: Crop | No
 class ClipInput:
     """The frames of a clip, in which its images lie; they can be read several times, with progress.
 
-    The last frames, as many as fit into `HELD_BYTES`, stay in memory, so that they are decoded once. A reading that is
-    left before its end is gone on with by the next one.
+    The last frames, as many as fit into `HELD_BYTES`, stay in memory, so that they are decoded once. The next reading
+    goes on where one was left before its end.
     """
 
     def __init__(

@@ -452,7 +452,7 @@ class Stretch:
     kind: tuple[str, str]
     """Kind of the reason (`kind_of`); successive frames of one kind make a stretch."""
     differ: bool = False
-    """Whether the reason is that of the first frame, and others have others in words."""
+    """Whether the reason is in the words of the first frame, while other frames have other words."""
     count: int = 1
     last: str = ""
     """Id of the last frame of several."""

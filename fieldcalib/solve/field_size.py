@@ -317,8 +317,7 @@ def estimate_field_size(
     ------
     ValueError
         If it is unknown how the segments of the field move with its size, and it has no crown to be estimated, or the
-        size is illegal; otherwise as in
-        `calibrate_batch`.
+        size is illegal; otherwise as in `calibrate_batch`.
 
     References
     ----------

@@ -1,9 +1,8 @@
 """The search for the camera of a frame: few iterations from many initial cameras, then the best plausible one.
 
-Cameras with the same image: across the field, or a few steps along it.
-
-A field turned by 180 degrees is the same field: a frame that shows only the middle line and the centre circle fits a
-camera and the one across the field equally well. And where lines repeat, as yard lines do, labels may be miscounted.
+A frame may fit several cameras equally well. A field turned by 180 degrees is the same field, so a frame that shows
+only the middle line and the centre circle fits a camera and the one across the field. Where lines repeat, as yard lines
+do, labels may be miscounted.
 """
 
 from __future__ import annotations

@@ -355,6 +355,8 @@ def test_a_squashed_picture():
             after = replace(in_picture(found, placement), declared=Declared.PIXELS)
             assert not after.has_finding(What.SHAPE)
             asked, better = asked + 1, better + is_better(after, before)
+            if asked == 4:
+                break
     assert asked >= 2
     assert better >= 0.5 * asked
 
@@ -483,7 +485,7 @@ BENT = Camera.from_angles(-0.3, 1.36, 0.01, 700.0, (-2.0, 62.0, -15.0), SIZE, k=
 K_FREE = PINHOLE_FLAGS & ~CalibrationFlags.CALIB_FIX_K1
 AT_EDGE = np.array([[-52.5, 34.0, 0.0]]), np.array([[0.5, 400.0]])
 TYPED = {
-    What.LEFT_HANDED: ((X * (1, -1, 1), XY, {}), (X, XY, {})),
+    What.LEFT_HANDED: ((X * (1, 1, -1), XY, {"prior": None}), (X, XY, {"prior": None})),
     What.OTHER_AXES: ((X * (1, -1, -1), XY, {}), (X, XY, {})),
     What.OTHER_PICTURE: ((X, 0.5 * XY, {}), (X, XY, {})),
     What.WANTS_LENS: ((*seen(BENT), {"prior": None}), (*seen(BENT), {"prior": None, "flags": K_FREE})),
@@ -500,7 +502,10 @@ TYPED = {
         (AREA, LEFT.project(AREA), {"prior": None}),
         (AREA, LEFT.project(AREA), {"prior": None, "camera_matrix": LEFT.K, "flags": KNOWN}),
     ),
-    What.AT_EDGE: ((np.concatenate([X, AT_EDGE[0]]), np.concatenate([XY, AT_EDGE[1]]), {}), (X, XY, {})),
+    What.AT_EDGE: (
+        (np.concatenate([X, AT_EDGE[0]]), np.concatenate([XY, AT_EDGE[1]]), {"prior": None}),
+        (X, XY, {"prior": None}),
+    ),
     What.ONE_OF: ((X[:6], OFF[:6], {"prior": None}), (X, OFF, {"prior": None})),
 }
 

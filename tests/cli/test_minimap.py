@@ -6,11 +6,12 @@ import json
 import cv2
 import numpy as np
 import pytest
+from pictures import picture
 
 from fieldcalib import Calibration, Camera, Status, soccer
 from fieldcalib.cli.main import main
 from fieldcalib.cli.players import SHIRTS
-from fieldcalib.draw import draw_minimap, draw_players, minimap, overhead_camera, render_field
+from fieldcalib.draw import draw_minimap, draw_players, minimap, overhead_camera
 from fieldcalib.fields import Ground
 from fieldcalib.fields.catalogue import tennis
 from fieldcalib.io.players import Player, read_players
@@ -34,7 +35,7 @@ def folder(tmp_path):
     ]
     (tmp_path / "cameras").mkdir()
     (tmp_path / "cameras" / "cameras.jsonl").write_text("".join(lines))
-    cv2.imwrite(str(tmp_path / "000001.png"), render_field(CAMERA, soccer()))
+    cv2.imwrite(str(tmp_path / "000001.png"), picture(CAMERA, seed=None))
     return tmp_path
 
 
