@@ -11,7 +11,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._types import is_number, truth
+from fieldcalib._types import is_number, one_of, truth
 from fieldcalib.fields.field import Field
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.picture_shape import LEAST_RATIO, Placement
@@ -136,8 +136,7 @@ class Known:
     """Width / height at which the picture has square pixels: 16 / 9 if it was squashed from that."""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.lens, str) or self.lens not in LENS_FLAGS:
-            raise ValueError(f"lens must be one of {', '.join(map(repr, LENS_FLAGS))}, got {short(self.lens)}")
+        one_of(self.lens, LENS_FLAGS, "lens")
         values = {
             "focal_length": _number(self.focal_length),
             "position": _above_ground(_numbers(self.position, 3, "position", "x, y, z in metres")),

@@ -9,6 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from fieldcalib._types import one_of
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.records import field_from_record
 from fieldcalib.fields.sports.futsal import futsal
@@ -70,9 +71,7 @@ def american_football(rules: str = "nfl") -> Field:
     >>> round(american_football("ncaa")["Hash row bottom inner"].start[1], 3)
     6.096
     """
-    if not isinstance(rules, str) or rules not in GRIDIRON:
-        raise ValueError(f"expected rules of American football among {', '.join(GRIDIRON)}, got {rules!r}")
-    return _described(f"american-football-{rules}")
+    return _described(f"american-football-{one_of(rules, GRIDIRON, 'rules of American football')}")
 
 
 def badminton() -> Field:
@@ -123,9 +122,7 @@ def basketball(rules: str = "fiba") -> Field:
     >>> sorted(basketball("nba").keys() - basketball("fiba").keys())[0]
     '28-foot mark left bottom'
     """
-    if not isinstance(rules, str) or rules not in BASKETBALL:
-        raise ValueError(f"expected the rules of a basketball court, {', '.join(map(repr, BASKETBALL))}, got {rules!r}")
-    return _described(f"basketball-{rules}")
+    return _described(f"basketball-{one_of(rules, BASKETBALL, 'rules of a basketball court')}")
 
 
 def field_hockey() -> Field:
@@ -234,9 +231,7 @@ def volleyball(net: str = "men") -> Field:
     >>> volleyball("women")["Net upper edge"].start
     (0.0, -4.5, -2.24)
     """
-    if not isinstance(net, str) or net not in NETS:
-        raise ValueError(f"expected the net of a volleyball court, 'men' or 'women', got {net!r}")
-    return _described(NETS[net])
+    return _described(NETS[one_of(net, NETS, "net of a volleyball court")])
 
 
 _WITH_CODE: dict[str, Callable[..., Field]] = {

@@ -19,7 +19,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._types import Array, truth
+from fieldcalib._types import Array, one_of, truth
 from fieldcalib.assess.findings import ENLARGED, NARROW, SHAPE, WAS_SQUASHED, Finding, Status, What, in_words
 from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, doubted, found_of, with_findings
 from fieldcalib.fields.field import Field, ObjectSegments, Side
@@ -125,8 +125,7 @@ class How:
         """Raise a ValueError for a value that is invalid by itself."""
         for name in ("refine", "estimate_size", "estimate_aspect", "take_off_borders", "may_be_enlarged"):
             truth(getattr(self, name), name)
-        if not isinstance(self.camera, str) or self.camera not in SHARED_BY:
-            raise ValueError(f'camera must be "tripod" or "moving", got {self.camera!r}')
+        one_of(self.camera, SHARED_BY, "camera")
         if self.network is not None:
             check_network(self.network)
         if self.stored is not None and not self.task.given.is_empty:

@@ -14,7 +14,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._types import Array
+from fieldcalib._types import Array, one_of
 from fieldcalib.geometry.homography import ALIGNMENTS, SINGULAR, Alignment, finite_homography
 from fieldcalib.io.files import BrokenFileError
 
@@ -98,6 +98,4 @@ def checked_homography(values: ArrayLike) -> Array:
 
 
 def _alignment(name: str) -> Alignment:
-    if name not in ALIGNMENTS:
-        raise ValueError(f"alignment must be one of {', '.join(ALIGNMENTS)}, got {name!r}")
-    return ALIGNMENTS[name]
+    return ALIGNMENTS[one_of(name, ALIGNMENTS, "alignment")]

@@ -17,7 +17,7 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from fieldcalib._types import FIELD, Array, BoolArray, expect, number, real_array
+from fieldcalib._types import FIELD, Array, BoolArray, expect, number, one_of, real_array
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera, checked_image_size
@@ -257,8 +257,7 @@ def iou_whole(
     >>> round(iou_whole(left, right, (960, 540)), 2), round(iou_whole(left, right, (960, 540), kind="image"), 2)
     (0.96, 0.93)
     """
-    if not isinstance(kind, str) or kind not in get_args(IouWhole):
-        raise ValueError(f"kind must be one of {', '.join(get_args(IouWhole))}, got {kind!r}")
+    one_of(kind, get_args(IouWhole), "kind")
     field = soccer() if field is None else expect(field, Field, FIELD)
     width, height = checked_image_size(image_size)
     H_true, H_pred = (homography_of(checked_prediction(view, (width, height))) for view in (truth, prediction))

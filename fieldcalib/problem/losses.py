@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from fieldcalib._types import Array, is_number, real_array
+from fieldcalib._types import Array, is_number, one_of, real_array
 
 LossName: TypeAlias = Literal["linear", "soft_l1", "huber", "cauchy"]
 
@@ -30,8 +30,7 @@ class RobustLoss:
     scale: float
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or self.name not in get_args(LossName):
-            raise ValueError(f"loss must be one of {', '.join(get_args(LossName))}, got {self.name!r}")
+        one_of(self.name, get_args(LossName), "loss")
         low, high = SCALES
         if not (is_number(self.scale) and low <= self.scale <= high):
             raise ValueError(

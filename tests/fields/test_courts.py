@@ -458,8 +458,8 @@ def test_courts_are_known_by_name_and_by_function():
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        (lambda: fields.basketball("wnba"), "expected the rules of a basketball court, 'fiba', .*'nfhs', got 'wnba'"),
-        (lambda: fields.volleyball("mixed"), "expected the net of a volleyball court, 'men' or 'women', got 'mixed'"),
+        (lambda: fields.basketball("wnba"), "rules of a basketball court must be one of fiba, .*nfhs, got 'wnba'"),
+        (lambda: fields.volleyball("mixed"), "net of a volleyball court must be one of men, women, got 'mixed'"),
         (lambda: fields.futsal(20.0, 40.0), "no room for its penalty areas"),
         (lambda: fields.futsal(25.0, 30.0), r"longer than wide.*futsal\(30.0, 25.0\)"),
         (lambda: fields.futsal(4000.0, 2000.0), "larger than any: expected metres"),

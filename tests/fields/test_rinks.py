@@ -325,8 +325,8 @@ def test_what_is_alike_further_on_has_a_segment_there(side):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: ice_hockey("khl"), "expected rules of ice hockey among nhl, nhl-2013, iihf, got 'khl'"),
-        (lambda: american_football("cfl"), "expected rules of American football among nfl, ncaa, got 'cfl'"),
+        (lambda: ice_hockey("khl"), "rules of ice hockey must be one of nhl, nhl-2013, iihf, got 'khl'"),
+        (lambda: american_football("cfl"), "rules of American football must be one of nfl, ncaa, got 'cfl'"),
         (lambda: ice_hockey_iihf(200.0, 85.0), "a rink of the IIHF is 56 to 61 m long, got 200.0"),
         (lambda: ice_hockey_iihf(60.0, 35.0), "a rink of the IIHF is 26 to 30 m wide, got 35.0"),
         (lambda: ice_hockey_iihf(corner_radius=9.0), "a radius of 7.0 to 8.5 m, got 9.0"),

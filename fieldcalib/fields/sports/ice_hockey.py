@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldcalib._types import is_number
+from fieldcalib._types import is_number, one_of
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Point, Segment
 from fieldcalib.fields.sports.parts import CENTRE, across, along, court, on_ground, right_goal
@@ -125,8 +125,7 @@ def ice_hockey(rules: str = "nhl") -> Field:
     >>> round(ice_hockey("iihf")["Blue line left"].start[0], 2)
     -7.14
     """
-    if not isinstance(rules, str) or rules not in RULES:
-        raise ValueError(f"expected rules of ice hockey among {', '.join(RULES)}, got {rules!r}")
+    one_of(rules, RULES, "rules of ice hockey")
     return ice_hockey_iihf() if rules == "iihf" else _rink(rules_of(rules), size_known=True)
 
 

@@ -242,5 +242,5 @@ def test_a_video_from_the_air():
 
 
 def test_what_takes_a_video_is_checked():
-    with pytest.raises(ValueError, match='camera must be "tripod" or "moving", got \'drone\''):
+    with pytest.raises(ValueError, match="camera must be one of tripod, moving, got 'drone'"):
         calibrate_video(FIELD, [np.zeros((90, 160, 3), np.uint8)], camera="drone")
