@@ -169,7 +169,7 @@ WRONG = {
     "a text as a corner": (lambda _: field("ice-hockey-iihf", corner_radius="7"), "have a radius"),
     "a text as a width": (lambda _: field("futsal", width="20"), "expected length and width as numbers"),
     "a list as rules": (lambda _: ice_hockey(["nhl"]), "rules of ice hockey must be one of"),
-    "a list as a net": (lambda _: field("volleyball", net=["men"]), "expected the net"),
+    "a list as a net": (lambda _: field("volleyball", net=["men"]), "net of a volleyball court must be one of"),
     "a list as a sport": (lambda _: field(["tennis"]), "expected a field among"),
     "an array as a loss": (lambda _: RobustLoss(np.zeros(2), 3.0), "loss must be one of"),
     "a text as a scale": (lambda _: RobustLoss("cauchy", "3"), "the scale of a loss must be"),
