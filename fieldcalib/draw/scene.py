@@ -98,10 +98,11 @@ def _add_stands(picture: Float32, camera: Camera, ray: Float32, field: Field, rn
 
     C = camera.C.astype(np.float32)
     behind, board_height = BOARDS
+    # rays along a row of boards would meet it nowhere: they are turned by a quarter of a pixel
+    reach = (np.array(field.half_extent) + behind).astype(np.float32)[:, None, None]
+    across = np.copysign(np.maximum(np.abs(ray[:2]), 0.25 / np.float32(camera.focal_length)), ray[:2])
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-        to_end, to_side = (
-            ((half + behind) * np.sign(ray[i]) - C[i]) / ray[i] for i, half in enumerate(field.half_extent.tolist())
-        )
+        to_end, to_side = (reach * np.sign(across) - C[:2, None, None]) / across
         at_end = to_end < to_side  # the ray meets the boards behind a goal line, otherwise behind a touchline
         scale = np.maximum(np.where(at_end, to_end, to_side), 0.0)
         above = -C[2] - scale * ray[2]  # the height at which the ray meets the boards or the stand behind them

@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any, TypeAlias, TypeVar
 
 from fieldcalib._json import from_json, to_json
+from fieldcalib._types import one_of
 from fieldcalib.fields.field import Field, built
 from fieldcalib.fields.ground import Ground
 from fieldcalib.fields.segments import KINDS, Segment
@@ -195,9 +196,7 @@ def _boolean(value: Any) -> bool:
 
 def _builder(name: str, record: Mapping[str, Any]) -> Build:
     """The builder of a name, with the parameters of a record."""
-    if not isinstance(name, str) or name not in BUILDERS:
-        raise ValueError(f"expected a field that is one of {', '.join(BUILDERS)}, got {name!r}")
-    build = BUILDERS[name]
+    build = BUILDERS[one_of(name, BUILDERS, "builder")]
     given = {one: _named(one, _number, record[one]) for one in _parameters(build) if one in record}
     return replace(build, **given) if given else build  # type: ignore[type-var]
 

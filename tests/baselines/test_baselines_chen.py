@@ -66,7 +66,7 @@ def annotation(camera, size=IMAGE_SIZE):
 @pytest.fixture(scope="module")
 def database():
     """A small one, around which the cameras of the tests lie."""
-    return Database.made(FIELD, "chen", DRAWS["chen"], Siamese.shipped(), count=2000, seed=1)
+    return Database.made(FIELD, "chen", DRAWS["chen"], Siamese.shipped(), count=4000, seed=1)
 
 
 @pytest.fixture(scope="module")

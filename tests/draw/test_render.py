@@ -6,6 +6,7 @@ from scipy.spatial import cKDTree
 from views import CAMERAS, SIZE, any_camera, camera, inside
 
 from fieldcalib.draw.scene import render_field
+from fieldcalib.draw.topview import overhead_camera
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Point, PointCloud
 from fieldcalib.fields.sports.soccer import soccer
@@ -57,6 +58,16 @@ def test_rendered_lines_have_their_width(line_width):
     edges = 160.3 + np.array([-5.0, 5.0]) * line_width
     covered = np.clip(edges[1], columns - 0.5, columns + 0.5) - np.clip(edges[0], columns - 0.5, columns + 0.5)
     np.testing.assert_allclose((profile - grass) / (0.92 * (1.0 - grass)), covered, atol=0.03)
+
+
+def test_ground_straight_below_a_row_of_pixels_is_no_stand():
+    """Their rays run along the boards behind the goals and never meet those behind the touchlines."""
+    court = Field(30.0, 17.5, {"side": Line((-15.0, -8.75, 0.0), (15.0, -8.75, 0.0))})
+    drawn = render_field(overhead_camera(court, margin=3.0), court)
+    height, width = drawn.shape[:2]
+    assert height % 2 == 1
+    middle = drawn[height // 2 - 2 : height // 2 + 3, width // 3].astype(int)
+    assert np.max(np.abs(middle - drawn[height // 3, width // 3])) < 15
 
 
 def test_rendered_posts_have_their_width():

@@ -23,7 +23,7 @@ MB = 2**20
         ("length: 0x" + "F" * 5000 + "\nwidth: 10\n" + MARK, "length: int too large"),
         ("length: .inf\nwidth: 10\n" + MARK, "length"),
         ("length: true\nwidth: 10\n" + MARK, "length: expected a number"),
-        ("builder: []\n" + SIZE, "expected a field that is one of"),
+        ("builder: []\n" + SIZE, "builder must be one of"),
         (SIZE + "segments: []\n", "segments: expected labels with values"),
         (SIZE + "segments: {mark: {kind: [], X: [0, 0, 0]}}\n", "segments: mark: expected a kind"),
         ("? [1, 2]\n: 3\n", "is no YAML"),

@@ -5,23 +5,25 @@ An offside line
 A line across the field through a player's foot, bent by the lens as the picture is.
 """
 
+import cv2
 import matplotlib.pyplot as plt
+import numpy as np
 
 import fieldcalib
-from fieldcalib import Line
-from fieldcalib.draw import draw_field, draw_players, render_field
 
-field = fieldcalib.soccer()
-camera = fieldcalib.Camera.from_angles(0.35, 1.36, 0.0, 1200.0, (0.0, 66.0, -16.0), (960, 540), k=(0.15, 0.0))
-foot = (470.0, 300.0)  # px, of the last defender
-x, y, _ = camera.image_to_field(foot)
-line = {"offside": Line((x, -field.width / 2, 0.0), (x, field.width / 2, 0.0))}
-print(f"{52.5 - x:.1f} m from the goal line")
+results = fieldcalib.calibrate(fieldcalib.sample("picture"), progress=False)
+calibration, picture = results[0], results.image(0).copy()
+field = calibration.field
+foot = (398, 257)  # px, of the last defender
+x, y, _ = calibration.image_to_field(foot)
+print(f"{field.length / 2 - abs(x):.1f} m from the goal line")
 
 # %%
-# Of a calibration take `calibration.field.with_segments(line)`: its ground may be higher in the middle.
-picture = draw_field(render_field(camera, field), camera, line, colour=(0, 220, 255), thickness=3)
-picture = draw_players(picture, camera, [[x, y]])
+# The ground may be higher in the middle of the pitch: the line is raised with it.
+line = fieldcalib.Line((x, -field.width / 2, 0.0), (x, field.width / 2, 0.0))
+xy = calibration.project(field.terrain.raised(line.sample(0.5)))
+cv2.polylines(picture, [np.rint(16 * xy).astype(np.int32)], False, (0, 220, 255), 2, cv2.LINE_AA, shift=4)
+cv2.circle(picture, foot, 5, (0, 220, 255), 2, cv2.LINE_AA)
 plt.figure(figsize=(9.6, 5.4))
 plt.imshow(picture[..., ::-1])
 plt.axis("off")

@@ -25,7 +25,8 @@ def text(words, size, colour):
 
 
 def drawn(graphic, X):
-    """The picture of a rectangle of the world, by its corners (4, 3) from the upper left one on, and where it is."""
+    """The picture of a rectangle by its corners (4, 3) in metres, from the upper left one on, and where it is."""
+    X = calibration.field.terrain.raised(np.array(X, float))  # the ground may be higher in the middle of the pitch
     height, width = graphic.shape[:2]
     corners = np.array([(0, 0), (width, 0), (width, height), (0, height)], np.float32)
     H = cv2.getPerspectiveTransform(corners, calibration.project(X).astype(np.float32))
