@@ -427,7 +427,7 @@ class Results(Numbered[Calibration]):
         if self.broken:
             rows["broken files"] = str(len(self.broken))
         if self.is_side_open:
-            rows["side"] = "open"
+            rows["side"] = "main, assumed"
         if self.video is not None:
             rows |= {"shots": str(len(self.video.shots)), "tripods": str(len(self.video.tripods))}
         return table(rows) + self._html_picture() + self._html_frames()
