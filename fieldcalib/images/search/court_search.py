@@ -38,7 +38,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.assess.findings import Finding, Status, What
+from fieldcalib.assess.findings import Finding, Status, Verdict, What
 from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.assess.result import Calibration, doubted, with_findings
 from fieldcalib.fields.field import OPPOSITE, Field
@@ -624,7 +624,7 @@ def _judged(refined: Refined, evidence: CourtEvidence, probability: float, least
     """Judge a refined camera: its calibration is "probably wrong" without enough evidence."""
     calibration = refined.judged
     if not calibration.accepted or (probability >= least and evidence.is_enough):
-        if probability < LEAST_GOOD and calibration.accepted:
+        if calibration.verdict is Verdict.GOOD and probability < LEAST_GOOD:
             unsure = Finding(What.IMPROBABLE, numbers=(_field_of(refined).tolerance, probability))
             return with_findings(calibration, unsure)
         return with_hidden_markings(calibration) if probability >= SURE else calibration
