@@ -201,8 +201,8 @@ def verdicts(options: argparse.Namespace) -> int:
     """Print verdicts on cameras that are right, wrong and very wrong, apart for frames with wrong labels."""
     rng, field = np.random.default_rng(options.seed), replace(field_named(options.field), size_known=True, ground=LEVEL)
     frames = [random_frame(field, rng) for _ in range(options.frames)]
+    kinds = ("right", "wrong", "very wrong")
     for prior in ("all", None):
-        kinds = ("right", "wrong", "very wrong")
         counts: dict[str, Counter[str]] = {one + label: Counter() for label in ("", MISLABELLED) for one in kinds}
         found = calibrate_batch(field, [f.pixels for f in frames], frames[0].camera.image_size, prior=prior)
         for one, frame in zip(found, frames, strict=True):

@@ -40,6 +40,7 @@ from fieldcalib.problem.layout import PRINCIPAL_POINT, ROLL, Layout
 from fieldcalib.problem.picture_shape import (
     LARGEST_SPREAD,
     PART_SCALE,
+    ROLL_OFF_LAWNS,
     SQUASHED_LOG_ODDS,
     SURE,
     Declared,
@@ -61,9 +62,6 @@ from fieldcalib.problem.records import (
     sized,
 )
 
-# Share of the roll that counts off lawns: of 164 measured cameras of basketball 98 have up to 1.5 degrees, 1.0 in the
-# root mean square, and 46 about 7, as heads are clamped to rails and roofs.
-ROLL_INDOORS = 0.5
 FAINT = 1e-6  # information, in units of the prior's, that keeps the system regular
 
 
@@ -165,7 +163,7 @@ def score_above(least: float, uncertainty: Uncertainty, found: PrincipalPoint, p
     It is -inf where no errors of a part could raise it above `least`: they take long to compute.
     """
     field, angle, variance = uncertainty.field, uncertainty.theta[ROLL], uncertainty.covariance[ROLL, ROLL]
-    share = 1.0 if field is None or field.surface in LAWNS else ROLL_INDOORS
+    share = 1.0 if field is None or field.surface in LAWNS else ROLL_OFF_LAWNS
     if field is not None and field.probability is not None and field.probability.least_in_picture is not None:
         share = 0.0  # pictures that people take are not level
     roll = (share * float(angle), share**2 * float(variance))

@@ -98,8 +98,8 @@ def _add_stands(picture: Float32, camera: Camera, ray: Float32, field: Field, rn
 
     C = camera.C.astype(np.float32)
     behind, board_height = BOARDS
-    # rays along a row of boards would meet it nowhere: they are turned by a quarter of a pixel
     reach = (np.array(field.half_extent) + behind).astype(np.float32)[:, None, None]
+    # rays along a row of boards would meet it nowhere: they are turned by a quarter of a pixel
     across = np.copysign(np.maximum(np.abs(ray[:2]), 0.25 / np.float32(camera.focal_length)), ray[:2])
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         to_end, to_side = (reach * np.sign(across) - C[:2, None, None]) / across

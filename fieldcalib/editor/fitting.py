@@ -139,7 +139,7 @@ def fitted(task: Task, image: Image, marks: Marks) -> Calibration:
     weights, flags, prior = _weights(agreeing, size), task.chosen_flags, task.prior
     pixels = agreeing.pixels
     refined = refine_on_image(field, image, by_marks, pixels, weights=weights, flags=flags, prior=prior, quick=True)
-    if _is_nearer(by_marks, refined, agreeing.only_by_hand):
+    if refined is by_marks or _is_nearer(by_marks, refined, agreeing.only_by_hand):
         return with_strays(marks, by_marks)
     said = (one for one in found_of(by_marks) if one.what is What.SUSPECTS)
     named = (_renamed(one, marks, refined) for one in by_marks.suspect_labels)
@@ -161,8 +161,8 @@ def _renamed(suspect: SuspectLabel, marks: Marks, refined: Calibration) -> Suspe
 
 def _is_nearer(by_marks: Calibration, refined: Calibration, by_hand: Marks) -> bool:
     """Whether the camera of the marks alone is nearer than the refined one to the marks of the person that agree."""
-    if refined is by_marks or not len(by_hand) or refined.field is None:
-        return refined is by_marks
+    if not len(by_hand) or refined.field is None:
+        return False
     errors, after = mark_errors(refined.field, by_hand, [by_marks.required_camera, refined.required_camera])
     return _rms(after) > _rms(errors) + max(FARTHER * pixel_unit(refined.required_camera.image_size), FARTHER_CLICKS)
 

@@ -16,7 +16,7 @@ import numpy as np
 from fieldcalib._types import Array, is_number, truth
 
 WHITE = "#f4f8f2"  # of paint in daylight
-LAWNS = ("grass", "turf")
+LAWNS = ("grass", "turf")  # green, and seen from stands with level tripods
 SURFACES = (*LAWNS, "ice", "wood", "floor", "hard court", "clay", "sand")
 # Of the fields of another size: another width, another length, both in the usual range, both in the legal one.
 OTHERS = (1 / 6, 1 / 6, 1 / 3, 1 / 3)

@@ -66,6 +66,9 @@ SQUASH_SIGMAS = 3.0  # standard deviations by which the aspect of a squashed pic
 
 PART_SCALE = 10.0  # offset from the middle in parts, relative to whole frames: a fifth of the width
 LEVEL = np.radians(0.5)  # standard deviation of roll: 95 % of annotated broadcast frames have less than 0.7 degrees
+# Share of the roll that counts off lawns: of 164 measured cameras of basketball 98 have up to 1.5 degrees, 1.0 in the
+# root mean square, and 46 about 7, as heads are clamped to rails and roofs.
+ROLL_OFF_LAWNS = 0.5
 LARGEST_ROLL_SCORE = 4.0  # squared z-score: larger ones count as this
 LARGEST_ROLL = np.radians(2.5)  # a larger roll comes from a head that was not level
 LARGEST_LOG_RATIO = 8.0
