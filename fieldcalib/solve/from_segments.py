@@ -43,6 +43,7 @@ from fieldcalib.problem.levenberg_marquardt import Solution, least_squares, leve
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import Observations
 from fieldcalib.solve.auto_lens import FISHEYE, as_fisheye, may_be_fisheye, more_likely, with_required_lens
+from fieldcalib.solve.initial_cameras import straight_above
 from fieldcalib.solve.likelier_shape import with_border_complaint, with_likely_aspect
 from fieldcalib.solve.mislabels import Relabelled, without_mislabels
 from fieldcalib.solve.misreadings import with_other_names
@@ -264,15 +265,19 @@ def _with_views_from_above(
 
 
 def _start_above(found: Calibration, options: Options) -> Array | None:
-    """Parameters (n,) of a camera that looks down on the field, and fits none of its stands; else None."""
-    if found.solved is None or found.camera is None or found.camera.angles[1] > STEEPLY:
-        return None
-    if found.solved.evaluation.problem.layout.lens != options.layout.lens:
+    """Parameters (n,) of a camera that looks down on the field, where the found one does not fit or is at no stand."""
+    if found.solved is None or found.camera is None:
         return None
     evaluation = found.solved.alone.evaluation
-    is_unusual = bool(np.any(np.abs(evaluation.problem.prior_residuals(evaluation.theta)) > UNUSUAL))
+    problem = evaluation.problem
+    if problem.layout.lens != options.layout.lens:
+        return None
+    if found.has_finding(What.MISFIT):
+        start = straight_above(problem.observations, options.stands.mean[0])[0]
+        return start if np.isfinite(start).all() else None
+    is_unusual = bool(np.any(np.abs(problem.prior_residuals(evaluation.theta)) > UNUSUAL))
     is_tried = is_unusual if found.accepted else found.status in (Status.DEGENERATE, Status.IMPLAUSIBLE)
-    return np.asarray(evaluation.theta[0]) if is_tried else None
+    return np.asarray(evaluation.theta[0]) if is_tried and found.camera.angles[1] < STEEPLY else None
 
 
 def _cost(found: Calibration) -> float:
