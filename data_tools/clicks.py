@@ -36,6 +36,7 @@ import numpy as np
 
 from fieldcalib import read
 from fieldcalib._types import Array
+from fieldcalib._whole_files import write_text
 from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.probability import ground_in_view
 from fieldcalib.assess.result import Calibration
@@ -47,7 +48,6 @@ from fieldcalib.editor.fitting import is_stray, mark_errors
 from fieldcalib.editor.frame import FrameEditor
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.io.files import write_text
 from fieldcalib.io.formats import CAMERAS, IMAGES
 from fieldcalib.io.image_files import at_most_wide, size_of
 from fieldcalib.io.results import LINES

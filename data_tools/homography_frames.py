@@ -19,12 +19,12 @@ import numpy as np
 
 from data_tools.synthetic.frames import SIZE, seen_by
 from data_tools.synthetic.games import game_named
+from fieldcalib._whole_files import write_bytes, write_text
 from fieldcalib.console.arguments import SOCCER, count
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.homography import ALIGNMENTS
-from fieldcalib.io.files import write_bytes, write_text
 from fieldcalib.io.formats import HOMOGRAPHIES
 from fieldcalib.solve.from_homography import closed_form
 

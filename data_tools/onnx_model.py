@@ -26,7 +26,7 @@ import torch
 from torch import Tensor, nn
 
 from data_tools.network import MarkingsNet
-from fieldcalib.io.files import write_bytes, write_text
+from fieldcalib._whole_files import write_bytes, write_text
 from fieldcalib.localize import BACKGROUND
 from fieldcalib.localize.network import UPRIGHT, NetworkDescription
 

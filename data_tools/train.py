@@ -59,8 +59,8 @@ from data_tools.synthetic.cache import check_cached_classes
 from data_tools.synthetic.games import game_named
 from data_tools.training_data import Batches, normalised, part, stacked, whole
 from fieldcalib._types import Array
+from fieldcalib._whole_files import write_bytes
 from fieldcalib.console.arguments import SOCCER, add_named_field, image_size
-from fieldcalib.io.files import write_bytes
 from fieldcalib.io.image_files import Image
 from fieldcalib.localize.network import SHAPE, SHIPPED
 

@@ -17,8 +17,9 @@ from baselines.chen.cameras import Cameras, Draw
 from baselines.chen.edges import Edges, edge_images, ground_pieces
 from baselines.chen.features import Features, Hog, features_from_arrays
 from fieldcalib._types import Array, Float32, IntArray
+from fieldcalib._whole_files import write_bytes
 from fieldcalib.fields.field import Field
-from fieldcalib.io.files import BrokenFileError, write_bytes
+from fieldcalib.io.files import BrokenFileError
 
 CAMERAS = 90_000  # as in the paper
 AT_ONCE = 500  # edge images in memory

@@ -28,8 +28,8 @@ from torch.nn.functional import normalize, relu
 
 from baselines.chen.cameras import Draw, nearby
 from baselines.chen.edges import EDGE_SIZE, WHITE, Edges, edge_images, ground_pieces
+from fieldcalib._whole_files import write_bytes
 from fieldcalib.fields.field import Field
-from fieldcalib.io.files import write_bytes
 
 STEPS = 1280  # ten epochs of 128 batches each
 PAIRS = 64  # similar pairs in a batch, and as many others

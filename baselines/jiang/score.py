@@ -16,9 +16,9 @@ from baselines.jiang.estimate import CostName, Estimator, homographies
 from baselines.jiang.four_points import points_of_homography
 from baselines.jiang.training_pairs import overlap
 from fieldcalib._types import Array
+from fieldcalib._whole_files import write_text
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.homography import ALIGNMENTS, YARD
-from fieldcalib.io.files import write_text
 from fieldcalib.io.formats import ANNOTATIONS, HOMOGRAPHIES, IMAGES
 from fieldcalib.metrics import evaluate_segments, iou_part, iou_whole
 from fieldcalib.problem.labelled_pixels import Pixels

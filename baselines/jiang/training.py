@@ -16,7 +16,7 @@ from torch.utils.data import DataLoader
 
 from baselines.jiang.networks import ErrorNetwork, GuessNetwork
 from baselines.jiang.training_pairs import Batches
-from fieldcalib.io.files import write_bytes
+from fieldcalib._whole_files import write_bytes
 
 LEARNING_RATE, WARM_UP, WEIGHT_DECAY = 1e-3, 100, 1e-4
 REPORTED = 100  # steps between two lines of the log

@@ -20,10 +20,10 @@ from data_tools.synthetic.film import CLIP_SIZE, PAINTED, Scene, clip_frames, wr
 from data_tools.synthetic.games import game_named
 from data_tools.synthetic.paths import with_displaced_lines
 from data_tools.synthetic.samples import write_samples
+from fieldcalib._whole_files import write_bytes
 from fieldcalib.console.arguments import SOCCER, add_named_field, count, image_size
 from fieldcalib.draw.overlays import label_colour
 from fieldcalib.fields.sports.soccer import soccer, with_painted_lines
-from fieldcalib.io.files import write_bytes
 from fieldcalib.io.image_files import Image
 
 COLUMNS, ROWS = 4, 8

@@ -19,8 +19,9 @@ import numpy as np
 from data_tools.synthetic.frames import SyntheticFrame, frame
 from data_tools.synthetic.games import game_named
 from data_tools.synthetic.masks import CLASSES, Mask
+from fieldcalib._whole_files import write_bytes, write_text
 from fieldcalib.console.arguments import SOCCER
-from fieldcalib.io.files import parse_json_object, write_bytes, write_text
+from fieldcalib.io.files import parse_json_object
 from fieldcalib.io.formats import ANNOTATIONS, CAMERAS
 from fieldcalib.io.image_files import Image
 from fieldcalib.io.soccernet import format_annotation, format_camera

@@ -32,10 +32,10 @@ from data_tools.synthetic.paths import RATE, MeasuredZoom, camera_between, camer
 from data_tools.synthetic.pictures import add_graphics
 from data_tools.synthetic.surroundings import GroundView, add_surroundings, random_ground, random_light
 from fieldcalib._types import Array, Float32
+from fieldcalib._whole_files import write_text
 from fieldcalib.draw.scene import to_uint8
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.files import write_text
 from fieldcalib.io.image_files import Image
 from fieldcalib.io.samples import TRUTH, TrueFrame
 from fieldcalib.io.soccernet import camera_to_record

@@ -16,9 +16,9 @@ from scipy.ndimage import gaussian_filter1d
 
 from data_tools.synthetic.film import LEAST_PATH, PAINTED, Scene, cameras_as_text, clip_frames, filmed
 from data_tools.synthetic.paths import with_displaced_lines
+from fieldcalib._whole_files import write_text
 from fieldcalib.draw.ground import COLOURS
 from fieldcalib.fields.sports.soccer import soccer, with_painted_lines
-from fieldcalib.io.files import write_text
 from fieldcalib.io.image_files import write_image
 from fieldcalib.io.samples import FILES, PLAYERS, TRUTH, TrueFrame
 from fieldcalib.io.soccernet import format_camera

@@ -24,6 +24,7 @@ import numpy as np
 
 from fieldcalib._json import texts_from_json
 from fieldcalib._progress import counted, progress_bar, say, show, solving
+from fieldcalib._whole_files import write_text
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.cli.run_options import TRIPOD, RunRequest
@@ -31,7 +32,7 @@ from fieldcalib.console.arguments import digest_of, load_network, or_search
 from fieldcalib.images.clip.from_video import PART, Clip, FinishedPart
 from fieldcalib.images.clip.tracker import Tracker
 from fieldcalib.io.clips import Reading
-from fieldcalib.io.files import WRONG_RECORD, BrokenFileError, parse_json_object, read_regular_file, write_text
+from fieldcalib.io.files import WRONG_RECORD, BrokenFileError, parse_json_object, read_regular_file
 from fieldcalib.io.formats import VIDEOS
 from fieldcalib.io.streams import Receiver, Stream, StreamReader
 from fieldcalib.processes.jobs import Processes, in_order

@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 
 from fieldcalib._progress import show
+from fieldcalib._whole_files import whole_file
 from fieldcalib.cli.commands import command_parser
 from fieldcalib.console.arguments import folder_name
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.io.files import whole_file
 from fieldcalib.io.output_folder import output_folder
 from fieldcalib.io.players import read_players
 from fieldcalib.io.samples import PLAYERS, TRUTH, TrueFrame, read_cameras, read_positions, sample

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from fieldcalib._progress import counted, say, show
+from fieldcalib._whole_files import remove_temporaries, write_bytes
 from fieldcalib.assess.findings import Finding, Verdict, What
 from fieldcalib.console.arguments import folder_name, positive
 from fieldcalib.console.options import add_options, given, option
@@ -25,7 +26,6 @@ from fieldcalib.io.exports.rerun import rerun_files
 from fieldcalib.io.exports.soccernet import gamestate_files, soccernet_files, tvcalib_files
 from fieldcalib.io.exports.table import table_files
 from fieldcalib.io.exports.toml import toml_files
-from fieldcalib.io.files import remove_temporaries, write_bytes
 from fieldcalib.io.output_folder import check_targets, output_folder
 from fieldcalib.io.results import LINES, SOLVER, TABLE
 from fieldcalib.results.collection import Results

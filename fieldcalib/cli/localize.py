@@ -14,6 +14,7 @@ import numpy as np
 
 import fieldcalib
 from fieldcalib._progress import counted, show
+from fieldcalib._whole_files import write_text
 from fieldcalib.console.arguments import (
     NetworkOptions,
     add_image_limits,
@@ -28,7 +29,7 @@ from fieldcalib.console.arguments import (
 )
 from fieldcalib.console.options import add_options, given
 from fieldcalib.io.annotations import Annotation, names_of, renamed
-from fieldcalib.io.files import BrokenFileError, FrameFile, parse_json_object, write_text
+from fieldcalib.io.files import BrokenFileError, FrameFile, parse_json_object
 from fieldcalib.io.formats import ANNOTATIONS, FILE_PER_IMAGE, OTHER_ANNOTATIONS, VIDEOS
 from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image, in_parts, size_of
 from fieldcalib.io.output_folder import whole_lines

@@ -21,6 +21,7 @@ import numpy as np
 
 from fieldcalib._progress import say, show
 from fieldcalib._types import Array
+from fieldcalib._whole_files import whole_file, write_text
 from fieldcalib.assess.estimate import CENTRE_MARK, PIXEL_SD
 from fieldcalib.assess.ground_points import locate_on_ground
 from fieldcalib.assess.result import Calibration
@@ -30,7 +31,7 @@ from fieldcalib.console.options import add_options, given, option, switch
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.boxes import GAME_STATE, KINDS, Box, BoxRow, foot_points, open_boxes
 from fieldcalib.io.coordinates import OWN_SYSTEMS, SYSTEMS, scale_of_system, to_system
-from fieldcalib.io.files import parse_json_object, read_regular_file, whole_file, write_text
+from fieldcalib.io.files import parse_json_object, read_regular_file
 from fieldcalib.io.image_files import in_parts
 from fieldcalib.io.output_folder import check_targets
 from fieldcalib.io.players import POINT, SYSTEM

@@ -15,7 +15,7 @@ from hashlib import blake2b
 from pathlib import Path
 from typing import NamedTuple
 
-from fieldcalib.io.files import write_bytes
+from fieldcalib._whole_files import write_bytes
 
 STAGED = ".fieldcalib-saving"  # folder in which files are written until all of them are complete
 DIGEST_BYTES = 16

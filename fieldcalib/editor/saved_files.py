@@ -18,6 +18,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from fieldcalib._whole_files import whole_file, write_text
 from fieldcalib.assess.findings import Finding, What
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
@@ -28,14 +29,7 @@ from fieldcalib.editor.journal import finish_save
 from fieldcalib.editor.label_files import LABELS, label_file
 from fieldcalib.editor.label_versions import MISSING, Announce, Kept, Staged, State, Versions
 from fieldcalib.io.decoders import DEFAULT_RATE
-from fieldcalib.io.files import (
-    BrokenFileError,
-    named_in_errors,
-    parse_json_object,
-    read_regular_file,
-    whole_file,
-    write_text,
-)
+from fieldcalib.io.files import BrokenFileError, named_in_errors, parse_json_object, read_regular_file
 from fieldcalib.io.formats import CAMERAS, OVERLAYS
 from fieldcalib.io.image_files import encode_image
 from fieldcalib.io.output_folder import LineLog

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from fieldcalib._html import table
 from fieldcalib._json import to_json
 from fieldcalib._types import Array, expect, file_path, is_number, number, real_array, truth
+from fieldcalib._whole_files import write_text
 from fieldcalib.geometry.homography import homogenize
 from fieldcalib.geometry.lens import FisheyeLens, Lens, lens_of
 from fieldcalib.geometry.lens.brown_conrady import brown_conrady, undistorted
@@ -493,7 +494,7 @@ class Camera:
         file = file_path(path, "a file of JSON")
         if file.is_dir():
             raise IsADirectoryError(f"{file} is a folder: expected the path of a file")
-        file.write_text(json.dumps(self.to_dict(), indent=1) + "\n")
+        write_text(file, json.dumps(self.to_dict(), indent=1) + "\n")
 
     def scaled(self, image_size: tuple[int, int]) -> Camera:
         """The camera of the image resized to another size; focal length and principal point scale with it."""

@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from fieldcalib._whole_files import write_text
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.records import field_from_record, whole_record
-from fieldcalib.io.files import YAML, BrokenFileError, read_json_or_yaml, write_text
+from fieldcalib.io.files import YAML, BrokenFileError, read_json_or_yaml
 
 JSON = (".json",)
 

@@ -29,7 +29,8 @@ from typing import Any, Generic, TypeAlias, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldcalib.io.files import BrokenFileError, write_bytes
+from fieldcalib._whole_files import write_bytes
+from fieldcalib.io.files import BrokenFileError
 
 Image: TypeAlias = NDArray[np.uint8]
 JPEG_BEGIN = b"\xff\xd8"

@@ -16,7 +16,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from fieldcalib.io.files import named_where_full
+from fieldcalib._whole_files import named_where_full
 
 ELSEWHERE = "give another --out"
 INTERRUPTED = "remove the folder, if a run of this command was interrupted there, or give another --out"

@@ -15,7 +15,8 @@ from types import ModuleType
 from typing import Any
 
 from fieldcalib._extras import imported
-from fieldcalib.io.files import BrokenFileError, escaped, replacement
+from fieldcalib._whole_files import replacement
+from fieldcalib.io.files import BrokenFileError, escaped
 
 ROW_GROUP = 1000  # lines of a row group: 10 MB in memory
 TEXT, SOLVER_TEXT = "line", "solver"

@@ -18,8 +18,9 @@ from typing import Any, Self, cast
 
 import numpy as np
 
+from fieldcalib._whole_files import replacement
 from fieldcalib.io.decoders import FASTEST, NO_VIDEO, Decoder, check_av, file_decoder
-from fieldcalib.io.files import BrokenFileError, check_utf8, named_in_errors, native_name, replacement
+from fieldcalib.io.files import BrokenFileError, check_utf8, named_in_errors, native_name
 from fieldcalib.io.frame_range import WHOLE, Cut, ends_before
 from fieldcalib.io.image_files import MOST_PIXELS, Image, check_pixels, size_of
 from fieldcalib.problem.picture_shape import LEAST_ASPECT

@@ -22,6 +22,7 @@ import numpy as np
 from fieldcalib._extras import imported
 from fieldcalib._html import long_table, spread, table
 from fieldcalib._types import file_path, truth
+from fieldcalib._whole_files import whole_file
 from fieldcalib.assess.estimate import PIXEL_SD
 from fieldcalib.assess.findings import UP_TO_SIDE, Verdict
 from fieldcalib.assess.ground_points import GroundPoints, locate_on_ground
@@ -36,7 +37,7 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import CAMERA_TITLES, Camera, camera_cells
 from fieldcalib.images.clip.from_video import PART
 from fieldcalib.io.boxes import foot_points
-from fieldcalib.io.files import can_name_files, whole_file
+from fieldcalib.io.files import can_name_files
 from fieldcalib.io.formats import OVERLAYS, VIDEOS
 from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image, checked_image, html_picture
 from fieldcalib.io.output_folder import check_targets, output_folder

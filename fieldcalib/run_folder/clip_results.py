@@ -14,20 +14,14 @@ from typing import Any, Protocol
 import numpy as np
 
 from fieldcalib._types import number
+from fieldcalib._whole_files import whole_file, write_text
 from fieldcalib.assess.result import Calibration, in_picture
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.draw.clip_plot import plot_sequence
 from fieldcalib.draw.sheet import contact_sheet, worst_frames
 from fieldcalib.io.decoders import DEFAULT_RATE
-from fieldcalib.io.files import (
-    WRONG_RECORD,
-    BrokenFileError,
-    open_regular_file,
-    parse_json_object,
-    whole_file,
-    write_text,
-)
+from fieldcalib.io.files import WRONG_RECORD, BrokenFileError, open_regular_file, parse_json_object
 from fieldcalib.io.formats import VIDEOS
 from fieldcalib.io.image_files import Image, read_ahead, write_image
 from fieldcalib.io.results import FORMAT

@@ -26,19 +26,13 @@ import numpy as np
 import fieldcalib
 from fieldcalib._progress import counted
 from fieldcalib._types import Array
+from fieldcalib._whole_files import write_text
 from fieldcalib.assess.advice import Remedy, Tool, advice_from_json, how
 from fieldcalib.assess.findings import Finding, Status, Verdict, What, first_reason
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.records import field_from_record
 from fieldcalib.geometry.camera import ANGLE_NAMES, Camera
-from fieldcalib.io.files import (
-    BrokenFileError,
-    FrameFile,
-    can_name_files,
-    parse_json_object,
-    read_regular_file,
-    write_text,
-)
+from fieldcalib.io.files import BrokenFileError, FrameFile, can_name_files, parse_json_object, read_regular_file
 from fieldcalib.io.formats import ANNOTATIONS, CAMERAS, HOMOGRAPHIES, OTHER_ANNOTATIONS, OVERLAYS
 from fieldcalib.io.image_files import Image
 from fieldcalib.io.results import BROKEN, FORMAT, OLD_FORMATS, broken_line

@@ -21,19 +21,10 @@ from typing import Any
 
 import fieldcalib
 from fieldcalib._progress import counted, say, show
+from fieldcalib._whole_files import remove_temporaries, whole_file, write_bytes, write_text
 from fieldcalib.assess.advice import WITHOUT_GIVEN
 from fieldcalib.assess.findings import Verdict, What
-from fieldcalib.io.files import (
-    BrokenFileError,
-    FrameFile,
-    named_in_errors,
-    parse_json_object,
-    read_regular_file,
-    remove_temporaries,
-    whole_file,
-    write_bytes,
-    write_text,
-)
+from fieldcalib.io.files import BrokenFileError, FrameFile, named_in_errors, parse_json_object, read_regular_file
 from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
 from fieldcalib.io.output_folder import ELSEWHERE, LineLog, check_targets, output_folder, whole_lines
 from fieldcalib.io.parquet import read_parquet, write_parquet

@@ -31,6 +31,7 @@ import numpy as np
 import fieldcalib
 from fieldcalib._progress import Progress, progress_bar
 from fieldcalib._types import IntArray, expect, file_path
+from fieldcalib._whole_files import write_text
 from fieldcalib.assess.advice import IF_ON_PAINT, Advice, Remedy, Tool, advice_from_json, how
 from fieldcalib.assess.findings import Finding, Verdict, first_reason
 from fieldcalib.assess.result import Calibration
@@ -38,7 +39,7 @@ from fieldcalib.editor.frame_states import Row
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import ANGLE_NAMES, Camera
-from fieldcalib.io.files import BrokenFileError, escaped, write_text
+from fieldcalib.io.files import BrokenFileError, escaped
 from fieldcalib.io.image_files import Image, stored_size
 from fieldcalib.io.results import BROKEN
 from fieldcalib.results.collection import Results

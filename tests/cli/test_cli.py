@@ -15,8 +15,8 @@ from commands import calibrate, run
 
 import fieldcalib
 from fieldcalib._progress import progress_bar
+from fieldcalib._whole_files import write_bytes
 from fieldcalib.fields.traits import DISTRIBUTIONS
-from fieldcalib.io.files import write_bytes
 from fieldcalib.io.image_files import write_image
 from fieldcalib.io.output_folder import output_folder
 

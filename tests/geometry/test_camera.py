@@ -627,3 +627,12 @@ def test_a_camera_is_kept_in_a_file(tmp_path, fisheye):
     camera = Camera(plain.K, plain.R, plain.C, SIZE, (0.1, 0.02, 0.0, 0.0), fisheye=fisheye)
     camera.save(tmp_path / "camera.json")
     assert Camera.from_dict(json.loads((tmp_path / "camera.json").read_text())) == camera
+
+
+def test_a_file_is_no_folder_for_a_camera(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(FileNotFoundError, match="there is no such folder"):
+        main_camera(0.2, 1.35).save(tmp_path / "file" / "camera.json")
+    with pytest.raises(IsADirectoryError, match="is a folder"):
+        main_camera(0.2, 1.35).save(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]

@@ -9,8 +9,9 @@ import zipfile
 import numpy as np
 import pytest
 
+from fieldcalib._whole_files import write_bytes, write_text
 from fieldcalib.io import files
-from fieldcalib.io.files import BrokenFileError, files_beside, find_files, parse_json_object, write_bytes, write_text
+from fieldcalib.io.files import BrokenFileError, files_beside, find_files, parse_json_object
 from fieldcalib.io.formats import IMAGES
 from fieldcalib.io.image_files import write_image
 from fieldcalib.io.output_folder import LineLog

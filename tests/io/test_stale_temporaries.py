@@ -7,12 +7,12 @@ import sys
 import pytest
 from waiting import wait_until
 
-from fieldcalib.io.files import TEMPORARY, remove_abandoned, write_bytes
+from fieldcalib._whole_files import TEMPORARY, remove_abandoned, write_bytes
 
 WRITER = """
 import sys, time
 from pathlib import Path
-from fieldcalib.io.files import replacement
+from fieldcalib._whole_files import replacement
 import os
 with replacement(Path(sys.argv[1])) as (handle, path):
     os.write(handle, b"half")

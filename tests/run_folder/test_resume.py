@@ -15,7 +15,8 @@ from synthetic import random_frames
 
 from fieldcalib import _progress as waiting
 from fieldcalib import read
-from fieldcalib.io.files import FrameFile, write_bytes
+from fieldcalib._whole_files import write_bytes
+from fieldcalib.io.files import FrameFile
 from fieldcalib.io.output_folder import LineLog
 from fieldcalib.io.soccernet import format_annotation
 from fieldcalib.run_folder import results as results_of_commands

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from objects import relative_error
 from one_camera import CAMERA, FIELD, FRAME, MARKINGS, SIZE, F
@@ -65,6 +65,7 @@ def test_one_frame_and_a_batch_agree(loss):
     at=vectors((-10.0, -8.0), (10.0, 8.0)),
     rng=generators(),
 )
+@example(pan=1.5, tilt=0.0, roll=0.0, fov=40.0, at=np.array([-6.25, -5.0]), rng=np.random.default_rng(0))
 @examples(40)
 def test_views_from_above_are_good_by_their_ground(pan, tilt, roll, fov, at, rng):
     """Where height and focal length are open against one another, a finding says so, and the camera is a likely one."""
