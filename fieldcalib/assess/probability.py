@@ -351,6 +351,20 @@ def log_odds_of_paint(share: float) -> float:
     return -LOG_ODDS_PER_SHARE * max(0.0, EXPECTED_SHARE - share)
 
 
+def errors_given_paint(model: ProbabilityModel, share: float) -> float:
+    """Factor of a camera's errors by its labels, given the share of the markings in view that show paint.
+
+    It lowers the log odds as the share does: ``b1 log(factor) = -3.5 max(0, 0.9 - share)``.
+
+    Examples
+    --------
+    >>> from fieldcalib.fields.sports.soccer import PROBABILITY
+    >>> round(errors_given_paint(PROBABILITY, 0.95), 2), round(errors_given_paint(PROBABILITY, 0.4), 2)
+    (1.0, 1.77)
+    """
+    return float(np.exp(log_odds_of_paint(share) / model.coefficients[1]))
+
+
 def probability_given_paint(probability: float, share: float) -> float:
     """Probability of being right, given that by the labels and the share of the markings in view that show paint.
 

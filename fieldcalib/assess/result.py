@@ -35,7 +35,7 @@ from fieldcalib.assess.estimate import MARKINGS_IN_VIEW, Estimate, GroundError, 
 from fieldcalib.assess.findings import Finding, Status, SuspectLabel, Verdict, What, findings_from_json, in_words
 from fieldcalib.assess.observability import Direction
 from fieldcalib.assess.paint_in_view import MarkingInView, checked_markings, contradiction, paint_findings, paint_share
-from fieldcalib.assess.probability import probability_given_paint
+from fieldcalib.assess.probability import errors_given_paint, probability_given_paint
 from fieldcalib.fields.field import Field, terrain_of
 from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.geometry.camera import CAMERA_TITLES, Camera, camera_cells
@@ -312,6 +312,8 @@ class Calibration:
         """The estimated camera with its errors, which are computed when first used.
 
         It is an `Uncertainty` for a frame by itself, `KnownErrors` (the covariance alone) for a frame of a sequence.
+        Where the markings of an image show less paint than usual, its errors are larger than the labels say, as the
+        probability is lower (`fieldcalib.assess.probability.errors_given_paint`).
 
         Raises
         ------
@@ -320,7 +322,10 @@ class Calibration:
         """
         if self.camera is None:
             raise NoCameraError(self.status, self.message)
-        return self.errors.on(self.field)
+        model = None if self.field is None else self.field.probability
+        if self.solved is None or not self.markings or model is None:
+            return self.errors.on(self.field)
+        return self.solved.on(self.field).widened(errors_given_paint(model, paint_share(self.markings)))
 
     @property
     def covariance(self) -> Array:

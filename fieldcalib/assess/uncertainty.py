@@ -106,6 +106,10 @@ class Uncertainty(Estimate):
         """The estimate with another field in view: errors are then relative to its markings."""
         return replace(self, field=field)
 
+    def widened(self, factor: float) -> Uncertainty:
+        """The estimate with errors larger by a factor, but for those of the considered parameters."""
+        return replace(self, determined=factor**2 * self.determined)
+
     @property
     def told_crown(self) -> float:
         """Expected height of the middle of the field, metres, if it was solved level, and the labels exclude that."""
