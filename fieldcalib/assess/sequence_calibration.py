@@ -147,7 +147,7 @@ class FrameSequence(Sequence[Calibration]):
         cameras = [frame.camera for frame in frames.values() if frame.camera is not None]
         field = next((frame.field for frame in frames.values() if frame.field is not None), None)
         picture = "" if field is None else field.as_svg(cameras)
-        rows = [[str(t), str(one.verdict), *camera_cells(one.camera), one.reason] for t, one in frames.items()]
+        rows = [[str(t), str(c.verdict), *camera_cells(c.camera if c else None), c.reason] for t, c in frames.items()]
         return picture + long_table(["frame", "verdict", *CAMERA_TITLES, "reason"], rows, len(self))
 
     @property

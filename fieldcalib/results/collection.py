@@ -440,7 +440,8 @@ class Results(Numbered[Calibration]):
             if id in self.broken:
                 rows.append([id, "broken file", "", "", "", self.broken[id]])
             else:
-                rows.append([id, str(self.verdicts[id]), *camera_cells(self.cameras.get(id)), self[id].reason])
+                one = self[id]  # a rejected camera is not to be used
+                rows.append([id, str(one.verdict), *camera_cells(one.camera if one else None), one.reason])
         return long_table(["frame", "verdict", *CAMERA_TITLES, "reason"], rows, len(ids))
 
     def _html_picture(self) -> str:

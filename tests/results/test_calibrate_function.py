@@ -387,6 +387,16 @@ def test_results_in_words(some):
     assert 'src="data:image/jpeg;base64,' in html
 
 
+def test_a_rejected_camera_has_no_numbers_in_the_table():
+    right = labelled()
+    pixels = dict(zip(right, [*list(right.values())[1:], right[next(iter(right))]], strict=True))  # of the next label
+    results = calibrate(pixels, image_size=SIZE, progress=False)
+    camera = results[0].camera
+    assert not results[0].accepted
+    assert camera is not None
+    assert f"{camera.focal_length:.1f} px" not in results._repr_html_().replace(results[0].reason, "")
+
+
 def test_overlays_on_pictures_that_are_given_and_on_none(some, rendered):
     with pytest.warns(UserWarning, match="the picture of frame x is, .* give it as image=; the field is drawn on a"):
         plain, on = some.overlay("x"), some.overlay("x", rendered[3])
