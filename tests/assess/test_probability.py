@@ -12,7 +12,14 @@ from data_tools.probability import fitted_coefficients, largest_true_error, reli
 from data_tools.random_frames import random_frame
 from fieldcalib.assess.findings import Finding, Status, Verdict, What
 from fieldcalib.assess.paint_in_view import MarkingInView
-from fieldcalib.assess.probability import OddsTerms, largest_error, probability_right, surprises
+from fieldcalib.assess.probability import (
+    OddsTerms,
+    errors_given_paint,
+    largest_error,
+    odds_terms,
+    probability_right,
+    surprises,
+)
 from fieldcalib.fields.catalogue import tennis
 from fieldcalib.fields.sports.soccer import PROBABILITY, soccer
 from fieldcalib.geometry.camera import Camera
@@ -285,3 +292,16 @@ def test_it_keeps_its_word_of_one_end_of_pitches_of_other_lengths():
         for one, truth, pitch in zip(found, truths, pitches, strict=True)
     ]
     assert abs(p.mean() - np.mean(np.array(errors) < 1.0)) < 0.1
+
+
+@given(st.floats(0.05, 1.0), st.floats(0.3, 3.0))
+def test_errors_grow_with_missing_paint_as_the_probability_falls(share, metres):
+    """The larger errors by themselves, with no word of paint, have the probability that the paint leaves."""
+    (frame,), _ = random_frames(1, seed=29, noise=1.0)
+    found = calibrate_from_segments(FIELD, frame, SIZE)
+    seen = found.seen_in_image([MarkingInView("Side line top", 300.0, 200, share, 0.0)])
+    terms = OddsTerms(odds_terms([seen.uncertainty], FIELD)[0].rows[:1], np.ones(1))
+    assert seen.probability(metres, size_known=True) == pytest.approx(probability_right(PROBABILITY, terms, metres))
+    factor = errors_given_paint(PROBABILITY, share)
+    assert (factor > 1.0) == (share < 0.9)
+    np.testing.assert_allclose(seen.uncertainty.determined, factor**2 * found.uncertainty.determined)
