@@ -167,7 +167,7 @@ def _contradicted(uncertainty: Uncertainty) -> str | None:
     for name, (offset, sigma) in uncertainty.off_given.items():
         unit = uncertainty.layout.image_size[0] if name in ("cx", "cy") else 1.0
         least, wrong = (unit * value for value in WRONG_GIVEN[name])
-        if abs(offset) > least:
+        if abs(offset) > least and sigma > 0.0:
             fall = abs(offset) * wrong / (sigma * np.hypot(sigma, wrong))
             scores[name] = fall * np.sqrt((dof - 1.0) / max(dof - fall**2, 1.0))
     most = max(scores, key=lambda name: scores[name], default=None)

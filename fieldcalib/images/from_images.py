@@ -63,6 +63,7 @@ from fieldcalib.problem.picture_shape import Crop, Declared
 from fieldcalib.processes.jobs import in_order
 from fieldcalib.solve.auto_lens import STRONG
 from fieldcalib.solve.batch import calibrate_pixels, compute_errors
+from fieldcalib.solve.field_size import doubted_for_size
 from fieldcalib.solve.from_segments import checked_labels
 from fieldcalib.solve.request import GivenCamera, Task
 from fieldcalib.solve.sequence.sequence_problem import SHARED, SHARED_IN_MOTION, SIZE
@@ -487,6 +488,8 @@ def _calibrated_size(how: How, images: Sequence[Image], found: Sequence[PixelTab
         for t, some in zip(unsure, others, strict=True):
             hypotheses = [calibrations[t], *(one for one, _ in islice(second, len(some)))]
             calibrations[t] = _best_supported(markings, images[t], hypotheses)
+    if how.task.field is not None and how.task.field.size_known:
+        return [doubted_for_size(one) for one in calibrations]
     if how.estimate_size and how.refine and how.task.given.is_empty:
         return [_with_field_from_labels(how, *one) for one in zip(images, found, calibrations, strict=True)]
     return calibrations

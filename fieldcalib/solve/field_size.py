@@ -35,7 +35,7 @@ from fieldcalib._html import table
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.camera_errors import Solved
 from fieldcalib.assess.findings import Finding, Status, What
-from fieldcalib.assess.result import Calibration, in_picture
+from fieldcalib.assess.result import Calibration, in_picture, with_findings
 from fieldcalib.assess.sequence_errors import ReducedSystem
 from fieldcalib.assess.size_evidence import SizeEvidence
 from fieldcalib.fields.field import Field
@@ -61,6 +61,9 @@ ROUNDS = 10
 # Share below which labels count as uninformative: a frame of one half has 2 % for the length, through the prior of the
 # camera's position.
 SILENT = 0.05
+# Probability of a size that a person told, below which its camera is "check": on rendered pictures right sizes have 0.4
+# and more, most that are 2 to 8 m too long or too short 0.26 and less, where the labels determine the length.
+LEAST_KNOWN = 0.3
 MOSTLY = 0.5  # share from which on a size counts as determined by the labels
 
 
@@ -421,6 +424,33 @@ def of_size(calibration: Calibration, pitch: Field, covariance: Array) -> Calibr
     found = _considering(solved, pitch, solved.camera, size, np.full(len(considered), Role.CONSIDERED))
     known = replace(found.evaluation.problem, considered=considered)
     return replace(calibration, errors=Solved(found.evaluation.of(known), found.unit))
+
+
+def doubted_for_size(calibration: Calibration) -> Calibration:
+    """Doubt a camera on a field that is said to have its size where the labels tell another one.
+
+    Examples
+    --------
+    >>> from fieldcalib import Camera, calibrate_from_segments, soccer
+    >>> camera = Camera.from_angles(0.1, 1.35, 0.0, 900.0, (0.0, 68.0, -17.0), (960, 540))
+    >>> seen = {label: camera.project(one.sample(2.0)) for label, one in soccer(105.0, 68.0).markings.items()}
+    >>> pixels = {label: xy[((xy > 0.0) & (xy < (959, 539))).all(axis=1)] for label, xy in seen.items()}
+    >>> wrong = calibrate_from_segments(soccer(101.0, 68.0, size_known=True), pixels, (960, 540))
+    >>> print(doubted_for_size(wrong).findings[-1])
+    the field is more probably of another size, about 105 x 68 m
+    """
+    field, solved = calibration.field, calibration.solved
+    if not calibration.accepted or solved is None or field is None or not field.size_known:
+        return calibration
+    size = SizeBlock.of(replace(field, size_known=False))
+    if size is None or size.is_known or solved.evaluation.problem.prior is None:
+        return calibration
+    roles = np.full(2 if size.crown is None else 3, Role.CONSIDERED)
+    told = _considering(solved, field, solved.camera, size, roles).uncertainty.size
+    if told is None or told.as_given > LEAST_KNOWN:
+        return calibration
+    length, width = np.clip(size.given + told.mean[:2], *size.limits)
+    return with_findings(calibration, Finding(What.OTHER_SIZE, numbers=(float(length), float(width))))
 
 
 def _with_status(calibrations: Sequence[Calibration], *statuses: Status) -> list[Calibration]:

@@ -15,7 +15,7 @@ from tripods import SIZE, panned
 
 from data_tools.crown import crowned, on_crown
 from fieldcalib import Calibration, Camera, SegmentationNetwork, calibrate_from_images, calibrate_sequence, soccer
-from fieldcalib.assess.findings import What
+from fieldcalib.assess.findings import Verdict, What
 from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.assess.size_evidence import SizeEvidence
 from fieldcalib.draw import render_field
@@ -23,9 +23,9 @@ from fieldcalib.fields import american_football
 from fieldcalib.fields.ground import LEVEL
 from fieldcalib.run_folder.record import calibration_line
 from fieldcalib.solve.batch import calibrate_batch
-from fieldcalib.solve.field_size import shared_size, with_field_from_labels
+from fieldcalib.solve.field_size import doubted_for_size, shared_size, with_field_from_labels
 
-FIELD = soccer()
+FIELD, RIGHT_SIZE = soccer(), soccer(105.0, 63.0, size_known=True)
 WIDE = Camera.from_angles(0.0, 1.2, 0.0, 560.0, (0.0, 80.0, -40.0), SIZE)  # sees all of a pitch
 LOW = Camera.from_angles(0.0, 1.33, 0.0, 640.0, (0.0, 66.0, -15.0), SIZE)  # sees most of a pitch, flat
 SIDE = Camera.from_angles(0.7, 1.25, 0.0, 1000.0, (0.0, 66.0, -25.0), SIZE)  # both touchlines and one end
@@ -221,6 +221,21 @@ def test_a_size_from_labels_may_be_that_of_mistakes():
     assert not found.has_finding(What.OTHER_SIZE, What.NOT_LEVEL)
 
 
+@examples(8)
+@given(generators(), numbers(98.0, 110.0), numbers(-6.0, 6.0))
+def test_a_size_that_a_person_told_is_doubted_where_labels_tell_another(rng, length, off):
+    frame = observe(soccer(length, 68.0), WIDE, rng, 0.5, per_line=9, per_curve=12)
+    (right,) = calibrate_batch(soccer(length, 68.0, size_known=True), [frame], SIZE)
+    assert not doubted_for_size(right).has_finding(What.OTHER_SIZE)
+    (wrong,) = calibrate_batch(soccer(length + off, 68.0, size_known=True), [frame], SIZE)
+    doubted = doubted_for_size(wrong)
+    if abs(off) > 2.0 and wrong.accepted:
+        (finding,) = (one for one in doubted.findings if one.what is What.OTHER_SIZE)
+        assert abs(finding.numbers[0] - length) < 1.5
+    nothing_told = calibrate_batch(soccer(length + off, 68.0), [frame], SIZE)[0]
+    assert doubted_for_size(nothing_told) is nothing_told
+
+
 @pytest.fixture(scope="module")
 def network():
     return SegmentationNetwork.load()
@@ -241,6 +256,10 @@ def test_pictures_tell_the_width_of_their_pitch(network, pictures):
     assert np.all(np.abs([one.field.width - 63.0 for one in found]) < 0.7)
     assert [one.field.width for one in (*nominal, *known)] == 6 * [68.0]
     assert np.median([one.rms for one in found]) < np.median([one.rms for one in nominal])
+    told = [one for one in known if one.has_finding(What.OTHER_SIZE)]
+    assert len(told) >= 2
+    assert all(one.verdict is Verdict.CHECK for one in told)
+    assert not any(one.has_finding(What.OTHER_SIZE) for one in calibrate_from_images(RIGHT_SIZE, pictures, network))
 
 
 @pytest.mark.slow
