@@ -21,7 +21,9 @@ from fieldcalib.solve.solver_options import LENS_FLAGS, CalibrationFlags
 State = TypeVar("State")
 
 FARTHEST = 100_000.0  # px: largest coordinate of a mark
-LONGEST = 1e6  # px: largest focal length, that of a picture 8000 wide that shows 1 m at 100 m
+# Least and largest focal length, px: a picture of 100 columns that is 157 degrees wide, and one of 8000 that shows 1 m
+# at 100 m.
+SHORTEST, LONGEST = 10.0, 1e6
 FARTHEST_CAMERA = 1e4  # m: largest distance of the camera from the centre mark
 
 
@@ -249,9 +251,9 @@ def _number(focal_length: Any) -> float | None:
     """Check a focal length."""
     if focal_length is None:
         return None
-    if not (is_number(focal_length) and 0.0 < focal_length <= LONGEST):
+    if not (is_number(focal_length) and SHORTEST <= focal_length <= LONGEST):
         got = short(focal_length)
-        raise ValueError(f"focal_length must be a number of pixels up to {LONGEST:g}, or None, got {got}")
+        raise ValueError(f"focal_length must be {SHORTEST:g} to {LONGEST:g} pixels, or None, got {got}")
     return float(focal_length)
 
 

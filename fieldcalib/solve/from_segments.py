@@ -38,7 +38,7 @@ from fieldcalib.problem.labelled_pixels import (
     check_segments,
     check_weights,
 )
-from fieldcalib.problem.layout import LOG_F
+from fieldcalib.problem.layout import CENTER, LOG_F
 from fieldcalib.problem.levenberg_marquardt import Solution, least_squares, levenberg_marquardt
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import Observations
@@ -269,12 +269,12 @@ def _start_above(found: Calibration, options: Options) -> Array | None:
     if found.solved is None or found.camera is None:
         return None
     evaluation = found.solved.alone.evaluation
-    problem = evaluation.problem
-    if problem.layout.lens != options.layout.lens:
+    problem, field = evaluation.problem, options.field
+    if field is None or problem.layout.lens != options.layout.lens:
         return None
-    if found.has_finding(What.MISFIT):
+    if any(finding.what is What.MISFIT for finding in found_of(found)):
         start = straight_above(problem.observations, options.stands.mean[0])[0]
-        return start if np.isfinite(start).all() else None
+        return start if np.linalg.norm(start[CENTER]) < field.farthest_camera else None  # not if it is NaN
     is_unusual = bool(np.any(np.abs(problem.prior_residuals(evaluation.theta)) > UNUSUAL))
     is_tried = is_unusual if found.accepted else found.status in (Status.DEGENERATE, Status.IMPLAUSIBLE)
     return np.asarray(evaluation.theta[0]) if is_tried and found.camera.angles[1] < STEEPLY else None
