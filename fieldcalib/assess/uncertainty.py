@@ -108,7 +108,7 @@ class Uncertainty(Estimate):
 
     def widened(self, factor: float) -> Uncertainty:
         """The estimate with errors larger by a factor, but for those of the considered parameters."""
-        return replace(self, determined=factor**2 * self.determined)
+        return self if factor == 1.0 else replace(self, determined=factor**2 * self.determined)
 
     @property
     def told_crown(self) -> float:

@@ -265,14 +265,17 @@ def _with_views_from_above(
 
 
 def _start_above(found: Calibration, options: Options) -> Array | None:
-    """Parameters (n,) of a camera that looks down on the field, where the found one does not fit or is at no stand."""
+    """Parameters (n,) of a camera that looks down on the field, where the found one does not fit or is at no stand.
+
+    Of pictures the search for courts finds views from above, so only what a person labelled is tried without a fit.
+    """
     if found.solved is None or found.camera is None:
         return None
     evaluation = found.solved.alone.evaluation
     problem, field = evaluation.problem, options.field
     if field is None or problem.layout.lens != options.layout.lens:
         return None
-    if any(finding.what is What.MISFIT for finding in found_of(found)):
+    if found.are_annotated and any(finding.what is What.MISFIT for finding in found_of(found)):
         start = straight_above(problem.observations, options.stands.mean[0])[0]
         return start if np.linalg.norm(start[CENTER]) < field.farthest_camera else None  # not if it is NaN
     is_unusual = bool(np.any(np.abs(problem.prior_residuals(evaluation.theta)) > UNUSUAL))
