@@ -259,6 +259,7 @@ def _with_views_from_above(
     chosen = list(found)
     for t, one in zip(tried, again, strict=True):
         agrees = one.accepted and not any(finding.what.is_against for finding in found_of(one))
+        agrees = agrees and one.required_camera.angles[1] < STEEPLY
         if agrees and not (found[t].accepted and _cost(found[t]) < _cost(one)):
             chosen[t] = one
     return chosen
