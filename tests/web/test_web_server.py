@@ -29,7 +29,7 @@ from fieldcalib.editor.label_files import LabelWarning
 from fieldcalib.editor.saved_files import Stored
 from fieldcalib.fields import tennis
 from fieldcalib.io.files import BrokenFileError
-from fieldcalib.run_folder.frame_source import VideoFrames
+from fieldcalib.io.frame_source import VideoFrames
 from fieldcalib.web.guard import Hosts
 from fieldcalib.web.page import Page, page_files
 from fieldcalib.web.records import frame_state
