@@ -308,8 +308,11 @@ class FileFrames(FrameSource):
                 self.broken[frame.id] = frame.problem
                 self._tell(f"{frame.path}: {frame.problem}")
             elif self._is_clip:
-                first = first or (file, size_of(frame.image))
-                _check_size(file, size_of(frame.image), *first)
+                size = size_of(frame.image)
+                first = first or (file, size)
+                if size != first[1]:
+                    sizes = "{} has {} x {} pixels, {} {} x {}".format(file.path, *size, first[0].path, *first[1])
+                    raise ValueError(f"the images of a clip must be of one size: {sizes}")
             yield frame
 
     def part(self, begin: int, end: int) -> FileFrames:
@@ -333,14 +336,6 @@ class FileFrames(FrameSource):
     def name(self, number: int) -> str:
         """The name of the picture's file."""
         return self.files[number].path.name
-
-
-def _check_size(file: FrameFile, size: tuple[int, int], first: FrameFile, first_size: tuple[int, int]) -> None:
-    if size != first_size:
-        raise ValueError(
-            f"the images of a clip must be of one size: {file.path} has {size[0]} x {size[1]} pixels, "
-            f"{first.path} {first_size[0]} x {first_size[1]}"
-        )
 
 
 class VideoFrames(FrameSource):

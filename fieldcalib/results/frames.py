@@ -342,11 +342,7 @@ class Pictures:
         if self.is_video:
             return self._video.frame(int(id))
         number = self._numbers[id]
-        return next(self._files.each(number, number + 1))
-
-    @cached_property
-    def _files(self) -> FileFrames:
-        return FileFrames(self.files, tell=ignored)
+        return next(FileFrames(self.files, tell=ignored).each(number, number + 1))
 
     @cached_property
     def _video(self) -> VideoFrames:
