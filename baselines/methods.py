@@ -32,7 +32,7 @@ from fieldcalib.io.wc14 import AlignmentName
 from fieldcalib.localize import SegmentationNetwork
 from fieldcalib.metrics import Prediction
 from fieldcalib.problem.labelled_pixels import Pixels, check_segments
-from fieldcalib.run_folder.frame_source import image_files
+from fieldcalib.run_folder.engine import image_files
 from fieldcalib.run_folder.predictions import FileReader, read_ground_truth
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.solver_options import PINHOLE_FLAGS

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from fieldcalib._progress import say
 from fieldcalib.fields.field import Field
+from fieldcalib.io.frame_source import read_each
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.run_folder.labelled_frames import AnnotationReader
-from fieldcalib.run_folder.work_units import read_each
 
 
 def read_frames(inputs: Sequence[Path], field: Field, image_size: tuple[int, int]) -> dict[str, Pixels]:

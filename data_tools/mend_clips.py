@@ -36,9 +36,9 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.clip.keyframes import KeyframeLabels, are_consistent
+from fieldcalib.io.frame_source import FrameSource, VideoFrames
 from fieldcalib.io.samples import TrueFrame, read_cameras
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.run_folder.frame_source import FrameSource, VideoFrames
 from fieldcalib.solve.from_segments import calibrate_from_segments
 
 SHARE = 1.0 / 3.0  # of the keyframes

@@ -42,11 +42,12 @@ from fieldcalib.console.arguments import (
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.io.formats import HOMOGRAPHIES
+from fieldcalib.io.frame_source import ReadImage
 from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image
 from fieldcalib.io.wc14 import AlignmentName
 from fieldcalib.localize import SegmentationNetwork
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.run_folder.frame_source import ReadImage, image_files
+from fieldcalib.run_folder.engine import image_files
 from fieldcalib.run_folder.labelled_frames import (
     CalibratedFrame,
     FromFiles,

@@ -34,8 +34,9 @@ from fieldcalib.console.arguments import add_format, add_inputs, count, folder_n
 from fieldcalib.console.options import given
 from fieldcalib.console.program import run_command
 from fieldcalib.io.formats import HOMOGRAPHIES
+from fieldcalib.io.frame_source import ReadImage
 from fieldcalib.io.image_files import Image
-from fieldcalib.run_folder.frame_source import ReadImage, image_files
+from fieldcalib.run_folder.engine import image_files
 from fieldcalib.run_folder.labelled_frames import CalibratedFrame, FromFiles, calibrate_files
 
 AT_ONCE = 16  # images that are optimised together

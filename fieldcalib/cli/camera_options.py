@@ -19,10 +19,10 @@ from fieldcalib.console.arguments import Default, image_size, told_by
 from fieldcalib.console.options import did_you_mean, option
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rotation import rotation_from_angles
+from fieldcalib.io.clips import placed
 from fieldcalib.io.files import BrokenFileError, named_in_errors, parse_json_object, read_regular_file
 from fieldcalib.io.soccernet import camera_from_record
 from fieldcalib.problem.picture_shape import LEAST_RATIO, Crop, Declared, Placement
-from fieldcalib.run_folder.frame_source import placed
 from fieldcalib.run_folder.record import ESTIMATED
 from fieldcalib.solve.request import GivenCamera
 from fieldcalib.solve.solver_options import KNOWN_INTRINSICS_FLAGS, LENS_FLAGS, CalibrationFlags

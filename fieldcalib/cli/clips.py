@@ -31,15 +31,15 @@ from fieldcalib.cli.run_options import TRIPOD, RunRequest
 from fieldcalib.console.arguments import digest_of, load_network, or_search
 from fieldcalib.images.clip.from_video import PART, Clip, FinishedPart
 from fieldcalib.images.clip.tracker import Tracker
-from fieldcalib.io.clips import Reading
+from fieldcalib.io.clips import SOLVING, ClipInput, Reading
 from fieldcalib.io.files import WRONG_RECORD, BrokenFileError, parse_json_object, read_regular_file
 from fieldcalib.io.formats import VIDEOS
+from fieldcalib.io.frame_source import Frame
 from fieldcalib.io.streams import Receiver, Stream, StreamReader
 from fieldcalib.processes.jobs import Processes, in_order
 from fieldcalib.processes.other_process import ProcessEndedError
 from fieldcalib.run_folder.clip_results import write_clip_results
-from fieldcalib.run_folder.engine import live_tracker, tracked
-from fieldcalib.run_folder.frame_source import SOLVING, ClipInput, Frame, frames_of_files
+from fieldcalib.run_folder.engine import frames_of_files, live_tracker, tracked
 from fieldcalib.run_folder.record import Outcome, RunRecord
 from fieldcalib.run_folder.results import OVERLAY, PART_OF_CLIP, ResultsWriter, is_finished, open_camera_folder
 from fieldcalib.run_folder.work_units import executor_of

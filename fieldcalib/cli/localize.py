@@ -31,12 +31,13 @@ from fieldcalib.console.options import add_options, given
 from fieldcalib.io.annotations import Annotation, names_of, renamed
 from fieldcalib.io.files import BrokenFileError, FrameFile, parse_json_object
 from fieldcalib.io.formats import ANNOTATIONS, FILE_PER_IMAGE, OTHER_ANNOTATIONS, VIDEOS
+from fieldcalib.io.frame_source import Frame, ReadImage, pixels_of
 from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image, in_parts, size_of
 from fieldcalib.io.output_folder import whole_lines
 from fieldcalib.io.results import BROKEN
 from fieldcalib.localize import Localization, Network, localize
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.run_folder.frame_source import Frame, ReadImage, image_files, outcomes_of, pixels_of
+from fieldcalib.run_folder.engine import image_files, outcomes_of
 from fieldcalib.run_folder.labelled_frames import check_labels
 from fieldcalib.run_folder.record import ID, ONE_FILE_NAME, Outcome, RunRecord
 from fieldcalib.run_folder.results import LOCALIZED, ResultsWriter, finish, open_run_folder

@@ -43,13 +43,13 @@ from fieldcalib.images.search.stored_cameras import StoredCameras
 from fieldcalib.io.decoders import check_av
 from fieldcalib.io.files import FrameFile, check_utf8
 from fieldcalib.io.formats import OVERLAYS, VIDEOS
+from fieldcalib.io.frame_source import Frame, FrameSource, videos_in
 from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image, in_parts, size_of, spread
 from fieldcalib.io.results import Texts, joined_line, whole_line_pairs
 from fieldcalib.io.streams import Stream
 from fieldcalib.results.entry import read
 from fieldcalib.results.frames import Pictures, auto_field
-from fieldcalib.run_folder.engine import calibrate_images
-from fieldcalib.run_folder.frame_source import Frame, FrameSource, frames_of_files, outcomes_of, videos_in
+from fieldcalib.run_folder.engine import calibrate_images, frames_of_files, outcomes_of
 from fieldcalib.run_folder.record import ESTIMATED, Outcome, RunRecord
 from fieldcalib.run_folder.results import OVERLAY, REPORT, ResultsWriter, is_finished, open_camera_folder
 from fieldcalib.run_folder.work_units import UnitResult, grouped, joined, work

@@ -17,11 +17,11 @@ from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.fields.field import SIDES, Field, Side
 from fieldcalib.images.from_images import How, Mount
 from fieldcalib.io.frame_range import Cut
+from fieldcalib.io.frame_source import ReadImage, is_clip, is_video, videos_in
 from fieldcalib.io.image_files import Image, check_pixels, size_of
 from fieldcalib.io.streams import Input, Stream
 from fieldcalib.localize import Network
 from fieldcalib.problem.picture_shape import Placement
-from fieldcalib.run_folder.frame_source import ReadImage, is_clip, is_video, videos_in
 from fieldcalib.run_folder.record import ESTIMATED, Outcome, RunOptions
 from fieldcalib.run_folder.results import REPORT
 from fieldcalib.solve.request import Task

@@ -19,10 +19,10 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.files import named_in_errors
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.frame_range import Cut, Position
+from fieldcalib.io.frame_source import files_read
 from fieldcalib.io.image_files import Image, spread, write_image
 from fieldcalib.io.output_folder import check_targets
 from fieldcalib.io.videos import VideoReader
-from fieldcalib.run_folder.frame_source import files_read
 
 MOST_VIEWS = 31  # of a clip: players hide a place in some of them only
 MOST_BYTES = 400e6  # of all views together, with four bytes per pixel

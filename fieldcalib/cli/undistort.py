@@ -13,10 +13,10 @@ from fieldcalib.console.arguments import add_cameras_and_out, add_inputs, add_mo
 from fieldcalib.io.files import named_in_errors
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.frame_range import Cut, Position
+from fieldcalib.io.frame_source import files_read
 from fieldcalib.io.image_files import write_image
 from fieldcalib.io.output_folder import INTERRUPTED, check_targets
 from fieldcalib.io.videos import VideoReader, VideoWriter
-from fieldcalib.run_folder.frame_source import files_read
 
 PICTURE, VIDEO = ".png", ".mp4"
 

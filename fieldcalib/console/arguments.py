@@ -27,13 +27,13 @@ from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.files import MOST_BYTES, BrokenFileError
 from fieldcalib.io.formats import read_labels
 from fieldcalib.io.frame_range import Cut, Position
+from fieldcalib.io.frame_source import MOST_BYTES as MOST_BYTES_OF_IMAGE
 from fieldcalib.io.image_files import MOST_PIXELS
 from fieldcalib.io.parquet import imported_pyarrow
 from fieldcalib.io.streams import Input, Stream
 from fieldcalib.localize import Network, SegmentationNetwork
 from fieldcalib.localize.network import CPU
 from fieldcalib.localize.point_selection import BACKGROUND, classes_without_segment
-from fieldcalib.run_folder.frame_source import MOST_BYTES as MOST_BYTES_OF_IMAGE
 from fieldcalib.run_folder.labelled_frames import AnnotationReader
 from fieldcalib.run_folder.record import ESTIMATED, JSON_LINES, PARQUET, RunOptions, Shard, as_json
 from fieldcalib.solve.solver_options import ALL, LENS_FLAGS, Prior

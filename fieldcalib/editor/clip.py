@@ -37,13 +37,13 @@ from fieldcalib.images.from_images import How, Mount
 from fieldcalib.io.decoders import DEFAULT_RATE
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.formats import VIDEOS
+from fieldcalib.io.frame_source import FrameSource
 from fieldcalib.io.image_files import Image, spread, write_image
 from fieldcalib.localize import Network
 from fieldcalib.localize.network import Padded
 from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.labelled_pixels import PixelTable
 from fieldcalib.run_folder.clip_results import SHEET_FRAMES, caption
-from fieldcalib.run_folder.frame_source import FrameSource
 from fieldcalib.run_folder.results import MOTION, OVERLAY, WORST
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import pixel_unit

@@ -27,10 +27,10 @@ from fieldcalib.fields.field import Field
 from fieldcalib.images.camera_side import CameraSide
 from fieldcalib.io.decoders import DEFAULT_RATE
 from fieldcalib.io.files import BrokenFileError
+from fieldcalib.io.frame_source import ignored
 from fieldcalib.io.image_files import Image
 from fieldcalib.localize import Network
 from fieldcalib.results.frames import NoFrameError
-from fieldcalib.run_folder.frame_source import ignored
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import ALL
 

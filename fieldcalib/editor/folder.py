@@ -32,8 +32,8 @@ from fieldcalib.io.annotations import Annotation
 from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import IMAGES, OVERLAYS, VIDEOS
+from fieldcalib.io.frame_source import ArrayFrames, FileFrames, FrameSource, VideoFrames, ignored
 from fieldcalib.io.image_files import Image, checked_image
-from fieldcalib.run_folder.frame_source import ArrayFrames, FileFrames, FrameSource, VideoFrames, ignored
 
 AT_ONCE = 5000  # rows of the table that are read before the page is shown; more are read in a thread
 NOTHING_KEPT = "expected a solution that was kept last: since then something else was saved, or nothing"

@@ -27,7 +27,7 @@ from fieldcalib.editor.fitting import is_to_search
 from fieldcalib.editor.journal import FrameHistory
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import ANGLE_NAMES
-from fieldcalib.run_folder.frame_source import FrameSource
+from fieldcalib.io.frame_source import FrameSource
 
 BY_HAND = "labelled by hand"  # basis of a frame that a person has labelled
 BY_HAND_TOO = "labelled by hand and by the network"  # basis of such a frame that has marks of the network too

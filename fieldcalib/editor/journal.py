@@ -29,8 +29,8 @@ from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.fields.field import Field
 from fieldcalib.io.files import WRONG_RECORD, BrokenFileError, parse_json_object
 from fieldcalib.io.formats import OTHER_ANNOTATIONS
+from fieldcalib.io.frame_source import ignored
 from fieldcalib.io.output_folder import FolderInUseError, LineLog, locked_folder, output_folder, whole_lines
-from fieldcalib.run_folder.frame_source import ignored
 
 JOURNAL = "edits.jsonl"
 NOTES = frozenset(("saved", "taken_back", "written"))  # keys of notes about files

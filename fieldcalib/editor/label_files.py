@@ -13,7 +13,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.io.annotations import Annotation
 from fieldcalib.io.files import BrokenFileError, FrameFile, named_in_errors
 from fieldcalib.io.formats import ANNOTATIONS, OTHER_ANNOTATIONS, AnnotatedFrame, frames_in, parse_frame, tool_of
-from fieldcalib.run_folder.frame_source import FrameSource
+from fieldcalib.io.frame_source import FrameSource
 
 LABELS = "labels"  # folder of SoccerNet's files in a folder of results, and the first part of other names
 SOCCERNET, LABELME = "soccernet", "labelme"  # formats with a file for each frame

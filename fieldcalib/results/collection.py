@@ -37,6 +37,7 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import CAMERA_TITLES, Camera, camera_cells
 from fieldcalib.images.clip.from_video import PART
 from fieldcalib.io.boxes import foot_points
+from fieldcalib.io.clips import ClipInput, whole_frame
 from fieldcalib.io.files import can_name_files
 from fieldcalib.io.formats import OVERLAYS, VIDEOS
 from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image, checked_image, html_picture
@@ -45,7 +46,6 @@ from fieldcalib.io.results import LINES, SOLVER, TABLE, broken_line
 from fieldcalib.problem.picture_shape import Placement
 from fieldcalib.results.frames import NO_PICTURE, ById, FrameStore, Lazy, LazyList, Numbered, Pictures, number_of
 from fieldcalib.run_folder.clip_results import write_clip, write_clip_results
-from fieldcalib.run_folder.frame_source import ClipInput, whole_frame
 from fieldcalib.run_folder.record import CAMERA_FILE, ID, RECORD, Outcome, RunOptions, RunRecord, as_json, is_squashed
 from fieldcalib.run_folder.results import (
     OVERLAY,

@@ -32,10 +32,12 @@ from fieldcalib.images.clip.from_video import calibrate_clip
 from fieldcalib.images.from_images import How, Mount
 from fieldcalib.images.search.stored_cameras import StoredCameras
 from fieldcalib.io.annotations import Annotation
+from fieldcalib.io.clips import SOLVING, ClipInput, part_of_frame
 from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.formats import are_annotations
 from fieldcalib.io.frame_range import WHOLE, Cut, Position
+from fieldcalib.io.frame_source import ArrayFrames, Frame, ReadImage, is_clip, is_video, pixels_of, read_each, videos_in
 from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image, checked_image, in_parts
 from fieldcalib.io.results import lines_file
 from fieldcalib.io.streams import Stream, StreamReader
@@ -47,21 +49,10 @@ from fieldcalib.results.collection import Results
 from fieldcalib.results.frames import EQ3, Collected, KeptFrames, Pictures, StoredFrames, auto_field
 from fieldcalib.run_folder.clip_results import read_clip
 from fieldcalib.run_folder.engine import calibrate_images, live_tracker, tracked
-from fieldcalib.run_folder.frame_source import (
-    SOLVING,
-    ClipInput,
-    Frame,
-    ReadImage,
-    is_clip,
-    is_video,
-    part_of_frame,
-    pixels_of,
-    videos_in,
-)
 from fieldcalib.run_folder.labelled_frames import AnnotationReader, paper_losses
 from fieldcalib.run_folder.record import RECORD, RunRecord
 from fieldcalib.run_folder.results import CLIP
-from fieldcalib.run_folder.work_units import grouped, read_each, unit_size, units_of
+from fieldcalib.run_folder.work_units import grouped, unit_size, units_of
 from fieldcalib.solve.batch import calibrate_labels
 from fieldcalib.solve.field_size import of_size, shared_size
 from fieldcalib.solve.request import GivenCamera, Task
@@ -564,8 +555,7 @@ class OneByOne:
         if self.iterator is not None:
             numbers = self.pictures.cut.numbers()
             chosen = islice(self.iterator, numbers.start, min(numbers.stop, sys.maxsize), numbers.step)
-            named = zip(numbers, chosen, strict=False)
-            return (Frame(f"{number:06d}", checked_image(image)) for number, image in named), None
+            return iter(ArrayFrames(chosen, numbers)), None
         _warn(self.pictures.beyond())
         source = self.pictures.frames(_warn) if self.pictures.is_video or len(self.pictures.images) else None
         if source is not None:

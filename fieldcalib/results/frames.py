@@ -24,14 +24,13 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.catalogue import AUTO, COMPARED
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.which_field import which_field
-from fieldcalib.io.clips import in_order
 from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.frame_range import WHOLE, Cut
+from fieldcalib.io.frame_source import ArrayFrames, FileFrames, FrameSource, VideoFrames, ignored, in_cut, in_order
 from fieldcalib.io.image_files import Image, checked_image
 from fieldcalib.io.results import ResultFile, broken_line, split_line
 from fieldcalib.localize.network import SegmentationNetwork
-from fieldcalib.run_folder.frame_source import ArrayFrames, FileFrames, FrameSource, VideoFrames, ignored, in_cut
 from fieldcalib.run_folder.record import calibration_line
 
 NO_PICTURE = "it is not known where the picture of frame {} is, or it is gone: give it as image="
@@ -343,11 +342,7 @@ class Pictures:
         if self.is_video:
             return self._video.frame(int(id))
         number = self._numbers[id]
-        return next(self._files.each(number, number + 1))
-
-    @cached_property
-    def _files(self) -> FileFrames:
-        return FileFrames(self.files, tell=ignored)
+        return next(FileFrames(self.files, tell=ignored).each(number, number + 1))
 
     @cached_property
     def _video(self) -> VideoFrames:
@@ -357,7 +352,7 @@ class Pictures:
     def frames(self, tell: Callable[[str], object] = ignored) -> FrameSource:
         """Open the pictures for reading, repeatedly; `tell` is called with a message about lost frames of a video."""
         if len(self.images):
-            return ArrayFrames(self.images, self.cut)
+            return ArrayFrames(in_cut(self.images, self.cut, ignored), self.cut.numbers())
         if self.is_video:
             return VideoFrames(self.paths[0], self.cut, tell=tell).looked_at()
         return FileFrames(self.files, tell=ignored)

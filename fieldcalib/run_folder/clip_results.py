@@ -20,14 +20,15 @@ from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.draw.clip_plot import plot_sequence
 from fieldcalib.draw.sheet import contact_sheet, worst_frames
+from fieldcalib.io.clips import ClipInput
 from fieldcalib.io.decoders import DEFAULT_RATE
 from fieldcalib.io.files import WRONG_RECORD, BrokenFileError, open_regular_file, parse_json_object
 from fieldcalib.io.formats import VIDEOS
+from fieldcalib.io.frame_source import Frame
 from fieldcalib.io.image_files import Image, read_ahead, write_image
 from fieldcalib.io.results import FORMAT
 from fieldcalib.problem.picture_shape import Placement
 from fieldcalib.processes.jobs import in_order
-from fieldcalib.run_folder.frame_source import ClipInput, Frame
 from fieldcalib.run_folder.record import Outcome
 from fieldcalib.run_folder.results import CLIP, MOTION, OVERLAY, TRIPODS, WORST, ResultsWriter
 from fieldcalib.solve.batch import compute_errors

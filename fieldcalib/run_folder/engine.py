@@ -1,5 +1,6 @@
 """Calibration of frames, for results in memory (`fieldcalib.calibrate`) and in a folder (`fieldcalib run`).
 
+    frames of files      `frames_of_files` opens them
     frames one by one    `calibrate_images`
     frames of a clip     `fieldcalib.images.clip.from_video.calibrate_clip`, all together
     frames of a stream   `live_tracker`, each when it comes
@@ -11,22 +12,41 @@ converted to pixels of the images.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TypeAlias
+from pathlib import Path
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
+from fieldcalib._progress import say
 from fieldcalib.assess.result import Calibration, in_picture
 from fieldcalib.images.clip.tracker import Tracker, tracker_of
 from fieldcalib.images.from_images import How, calibrate_pictures
+from fieldcalib.io.clips import whole_frame
+from fieldcalib.io.files import FrameFile
+from fieldcalib.io.formats import IMAGES, VIDEOS
+from fieldcalib.io.frame_range import WHOLE, Cut
+from fieldcalib.io.frame_source import (
+    READ,
+    FileFrames,
+    Frame,
+    FrameSource,
+    ReadImage,
+    VideoFrames,
+    checked_frames,
+    in_cut,
+    in_order,
+)
 from fieldcalib.io.image_files import Image, Newest
 from fieldcalib.io.streams import Stream, StreamReader
 from fieldcalib.problem.picture_shape import Placement
-from fieldcalib.run_folder.frame_source import Frame, checked_frames, whole_frame
+from fieldcalib.run_folder.labelled_frames import name_skipped
+from fieldcalib.run_folder.record import Outcome
 
 PlaceOf: TypeAlias = Callable[[Image], Placement]
 """Finds the placement of an image in its frame."""
+T = TypeVar("T")
 
 
 def calibrate_images(how: How, images: Sequence[Image], placement: PlaceOf = whole_frame) -> list[Calibration]:
@@ -78,3 +98,44 @@ def tracked(tracker: Tracker, frame: Frame, placement: PlaceOf = whole_frame) ->
     assert frame.image is not None
     placed = placement(frame.image)
     return in_picture(tracker.update(placed.image_in_frame(frame.image)), placed)
+
+
+def frames_of_files(
+    paths: Sequence[Path],
+    cut: Cut = WHOLE,
+    read: ReadImage = READ,
+    threads: int | None = None,
+    *,
+    is_clip: bool = False,
+) -> FrameSource:
+    """Open a video, or files of images; images of a clip are in the order of the numbers in their names.
+
+    Files in folders and zips that are not images are named on stderr.
+
+    Raises
+    ------
+    FileNotFoundError, BrokenFileError, ValueError
+        As `find_files`, `in_cut` and `VideoReader`, and as the check of `read` for the frames of a video.
+    """
+    if VIDEOS.recognises(paths[0]):
+        return VideoFrames(paths[0], cut, read, threads).looked_at()
+    files = image_files(paths)
+    return FileFrames(in_cut(in_order(files) if is_clip else files, cut, say), read, is_clip=is_clip)
+
+
+def image_files(inputs: Sequence[Path]) -> list[FrameFile]:
+    """Find images in folders and zips, and single files; unused files are named on stderr."""
+    files = IMAGES.find(inputs)
+    name_skipped(inputs, files)
+    return files
+
+
+def outcomes_of(
+    frames: Iterable[Frame], results: Iterable[T], outcome: Callable[[Frame, Image, T], Outcome]
+) -> list[Outcome]:
+    """Make the outcomes of frames, from the results for the frames that could be read."""
+    rest = iter(results)
+    return [
+        Outcome.broken(frame, frame.problem) if frame.image is None else outcome(frame, frame.image, next(rest))
+        for frame in frames
+    ]

@@ -25,22 +25,14 @@ from fieldcalib.io.formats import (
     is_of_soccernet,
     parse_frame,
 )
+from fieldcalib.io.frame_source import read_each
 from fieldcalib.io.results import LINES, SOLVER, TABLE
 from fieldcalib.io.soccernet import UNKNOWN_LABELS
 from fieldcalib.problem.labelled_pixels import Pixels, check_segments, nearest_label, thinned
 from fieldcalib.processes.jobs import in_order
 from fieldcalib.run_folder.record import RECORD, Outcome, RunOptions, RunRecord
 from fieldcalib.run_folder.results import LOCALIZED, SUMMARY, open_camera_folder
-from fieldcalib.run_folder.work_units import (
-    UnitResult,
-    executor_of,
-    grouped,
-    in_groups,
-    read_each,
-    unit_size,
-    units_of,
-    work,
-)
+from fieldcalib.run_folder.work_units import UnitResult, executor_of, grouped, in_groups, unit_size, units_of, work
 from fieldcalib.solve.batch import compute_errors
 
 RUN_FILES = frozenset({LINES, SOLVER, TABLE, SUMMARY, RECORD, LOCALIZED})

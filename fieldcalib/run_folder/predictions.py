@@ -17,6 +17,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.files import MOST_BYTES, BrokenFileError, FrameFile, named_in_errors, read_regular_file
 from fieldcalib.io.formats import ANNOTATIONS, CAMERAS, HOMOGRAPHIES, RECORDS, Format, frames_in, parse_frame
+from fieldcalib.io.frame_source import read_each
 from fieldcalib.io.results import ResultFile, lines_file
 from fieldcalib.io.soccernet import read_camera_types
 from fieldcalib.io.tvcalib import TVCalibRecord
@@ -27,7 +28,7 @@ from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.processes.jobs import in_order
 from fieldcalib.run_folder.labelled_frames import name_left_out
 from fieldcalib.run_folder.record import RunRecord, camera_content
-from fieldcalib.run_folder.work_units import read_each, units_of
+from fieldcalib.run_folder.work_units import units_of
 
 OFF_CENTRE = 0.1  # of the image's size: if the sizes differ by more, the camera was made for images of another size
 LARGEST_SIZE = 100_000  # px: a principal point beyond does not indicate the size of an image

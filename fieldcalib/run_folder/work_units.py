@@ -10,8 +10,7 @@ from functools import partial
 from itertools import chain, islice
 from typing import TypeVar
 
-from fieldcalib._progress import progress_bar, show, waiting_for
-from fieldcalib.io.files import FrameFile, error_message
+from fieldcalib._progress import progress_bar, show
 from fieldcalib.processes.jobs import Processes, in_order
 from fieldcalib.processes.other_process import ProcessEndedError
 from fieldcalib.run_folder.record import Item, Outcome, RunOptions, Shard
@@ -34,21 +33,6 @@ class UnitResult:
     """Time of the calibrations."""
     message: str = ""
     """Line for stdout."""
-
-
-def read_each(
-    files: Iterable[FrameFile], read: Callable[[FrameFile], Member]
-) -> tuple[dict[str, Member], dict[str, str]]:
-    """Read the files of frames; returns the contents, and the problems of broken files, by frame id."""
-    found: dict[str, Member] = {}
-    broken: dict[str, str] = {}
-    for file in files:
-        try:
-            with waiting_for(file.path):
-                found[file.id] = read(file)
-        except (ValueError, MemoryError) as error:
-            broken[file.id] = error_message(error)
-    return found, broken
 
 
 def grouped(items: Iterable[Member], key: Callable[[Member], Key]) -> dict[Key, list[Member]]:

@@ -14,8 +14,8 @@ from threading import Lock
 
 import numpy as np
 
+from fieldcalib.io.frame_source import FrameSource
 from fieldcalib.io.image_files import Image, at_most_wide, parse_image
-from fieldcalib.run_folder.frame_source import FrameSource
 
 QUALITY = 88  # of JPEGs for the page
 CACHE_BYTES = 48_000_000  # of JPEGs in memory

@@ -19,16 +19,16 @@ from views import camera
 from fieldcalib.assess.findings import Status
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.images.from_images import calibrate_from_images, calibrate_pictures
-from fieldcalib.io import image_files
+from fieldcalib.io import frame_source, image_files
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.formats import IMAGES, VIDEOS
+from fieldcalib.io.frame_source import Frame
 from fieldcalib.io.image_files import IMAGES_AT_ONCE, NO_IMAGE, parse_image
 from fieldcalib.io.output_folder import output_folder
 from fieldcalib.io.soccernet import camera_from_record
 from fieldcalib.io.videos import VideoReader, VideoWriter
 from fieldcalib.metrics.cameras import camera_difference
-from fieldcalib.run_folder import frame_source
-from fieldcalib.run_folder.frame_source import Frame
+from fieldcalib.run_folder.engine import frames_of_files
 
 SIZE = (960, 540)
 TRUTHS = [camera(pan, 78, 1400, (0, 68, -17), k=(0.06, 0.0)) for pan in (24, -22)]
@@ -629,7 +629,7 @@ def test_networks_that_are_not_there(tmp_path, capsys):
 def test_frames_are_read_when_they_are_asked_for(tmp_path):
     (tmp_path / "a.png").write_bytes(encoded(np.zeros((54, 96, 3), np.uint8)))
     (tmp_path / "b.png").write_bytes(b"")
-    source = frame_source.frames_of_files([tmp_path])
+    source = frames_of_files([tmp_path])
     assert (source.count, source.rate, source.ids) == (2, None, ["a", "b"])
     (tmp_path / "a.png").unlink()
     first, second = source

@@ -9,7 +9,7 @@ import pytest
 from networks import FIELD, KnownCameras
 
 from fieldcalib import calibrate_from_images, calibrate_video
-from fieldcalib.io.clips import Reading, clip_frames
+from fieldcalib.io.clips import Reading, clip_input
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.videos import VideoWriter
 
@@ -39,13 +39,12 @@ def folder(tmp_path):
 
 
 def brightness(frames):
-    with frames.opened() as images:
-        return [round(image.mean() / 40.0) for image in images]
+    return [round(image.mean() / 40.0) for image in frames]
 
 
 def read(source):
     """Brightness of the images of a clip, read twice; its parts read the same, here and in another process."""
-    frames = clip_frames(source)
+    frames = clip_input(source)
     found = brightness(frames)
     assert brightness(frames) == found
     assert frames.count == len(found)
@@ -81,7 +80,7 @@ def test_a_part_of_a_video_that_is_cut_off_may_have_no_frame(tmp_path):
         writer.write(image)
     writer.release()
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    frames = clip_frames(path)
+    frames = clip_input(path)
     assert frames.count == 12
     parts = [frames.part(0, 4), frames.part(4, 8), frames.part(8, 12)]
     counts = [len(brightness(part)) for part in parts]

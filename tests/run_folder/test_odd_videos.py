@@ -10,10 +10,11 @@ import av
 import numpy as np
 import pytest
 
+from fieldcalib.io.clips import ClipInput
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.frame_range import Cut, Position
+from fieldcalib.io.frame_source import Frame, VideoFrames
 from fieldcalib.io.videos import VideoReader, VideoWriter
-from fieldcalib.run_folder.frame_source import ClipInput, Frame, VideoFrames
 
 MILLISECONDS = Fraction(1, 1000)
 TIMES = {"regular": np.arange(60) * 40, "irregular": np.cumsum(np.random.default_rng(0).integers(20, 100, 60))}
@@ -99,7 +100,7 @@ def test_names_that_look_like_addresses(tmp_path, monkeypatch):
 
 @pytest.fixture
 def without_memory(monkeypatch):
-    monkeypatch.setattr("fieldcalib.run_folder.frame_source.HELD_BYTES", 0)
+    monkeypatch.setattr("fieldcalib.io.clips.HELD_BYTES", 0)
 
 
 @pytest.mark.parametrize("frames", [3, 5, 9])
@@ -136,7 +137,7 @@ class Counted:
 
 @pytest.mark.parametrize(("held", "again"), [(5, []), (2, [0, 1, 2]), (0, [0, 1, 2, 3, 4])])
 def test_the_last_frames_of_a_clip_are_read_once(monkeypatch, held, again):
-    monkeypatch.setattr("fieldcalib.run_folder.frame_source.HELD_BYTES", held * picture(0).nbytes)
+    monkeypatch.setattr("fieldcalib.io.clips.HELD_BYTES", held * picture(0).nbytes)
     clip = ClipInput(source := Counted(range(5)), progress=False)
     for _ in range(2):
         frames = list(clip.frames())

@@ -29,7 +29,7 @@ from fieldcalib.editor.label_files import LabelWarning
 from fieldcalib.editor.saved_files import Stored
 from fieldcalib.fields import tennis
 from fieldcalib.io.files import BrokenFileError
-from fieldcalib.run_folder.frame_source import VideoFrames
+from fieldcalib.io.frame_source import VideoFrames
 from fieldcalib.web.guard import Hosts
 from fieldcalib.web.page import Page, page_files
 from fieldcalib.web.records import frame_state
@@ -110,17 +110,12 @@ def labelled(client):
 
 
 COURT = Camera.from_angles(0.0, 1.15, 0.0, 1000.0, (0.0, 22.0, -9.0), SIZE)
+GREY = np.full((270, 480, 3), 100, np.uint8)  # of no sport: nothing is found in it
 
 
-@pytest.fixture
-def court(tmp_path):
+def test_the_sport_is_changed_and_remembered(tmp_path):
     cv2.imwrite(str(tmp_path / "court.png"), render_field(COURT, tennis()))
-    one = Client(tmp_path / "court.png", tmp_path / "out")
-    yield one
-    one.close()
-
-
-def test_the_sport_is_changed_and_remembered(court, tmp_path):
+    court = Client(tmp_path / "court.png", tmp_path / "out")
     court.state()
     assert court.get("api/project").json()["field"] == "soccer"
     answer = court.post("api/v1/field", {"name": "tennis"})
@@ -140,13 +135,16 @@ def test_the_sport_is_changed_and_remembered(court, tmp_path):
         assert editor.field_name == "soccer"
 
 
-def test_the_sport_stays_where_the_picture_is_gone(court, tmp_path):
-    state = court.state()
-    (tmp_path / "court.png").unlink()
-    assert court.post("api/v1/field", {"name": "tennis"}).status_code >= 400
-    assert court.get("api/project").json()["field"] == "soccer"
-    assert court.state()["revision"] == state["revision"]
-    with Editor(render_field(COURT, tennis())[None], out=tmp_path / "out") as editor:
+def test_the_sport_stays_where_the_picture_is_gone(tmp_path):
+    cv2.imwrite(str(tmp_path / "grey.png"), GREY)
+    client = Client(tmp_path / "grey.png", tmp_path / "out")
+    state = client.state()
+    (tmp_path / "grey.png").unlink()
+    assert client.post("api/v1/field", {"name": "tennis"}).status_code >= 400
+    assert client.get("api/project").json()["field"] == "soccer"
+    assert client.state()["revision"] == state["revision"]
+    client.close()
+    with Editor(GREY[None], out=tmp_path / "out") as editor:
         assert editor.field_name == "soccer"
 
 
@@ -164,7 +162,7 @@ def test_the_sport_of_labelled_frames_stays(client, tmp_path):
 
 
 def test_the_sport_of_pictures_without_a_folder_is_changed():
-    page = Page(Editor([render_field(COURT, tennis())]))
+    page = Page(Editor([GREY]))
     with TestClient(page.unguarded()) as client:
         assert client.post("/api/v1/field", json={"name": "tennis"}).status_code == 200
         assert client.get("/api/project").json()["field"] == "tennis"

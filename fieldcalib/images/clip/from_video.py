@@ -40,7 +40,7 @@ from fieldcalib.images.clip.keyframes import read_keyframes
 from fieldcalib.images.clip.solved_shots import solve_shots, solve_tripods
 from fieldcalib.images.from_images import How, Mount
 from fieldcalib.images.shape.shape_of_picture import has_cameras, notes_without_camera
-from fieldcalib.io.clips import ClipFrames, Reading, clip_frames
+from fieldcalib.io.clips import ClipInput, Reading, clip_input
 from fieldcalib.io.image_files import Image, checked_image, read_ahead, size_of
 from fieldcalib.localize import Network
 from fieldcalib.localize.network import Padded
@@ -201,7 +201,7 @@ def calibrate_video(
 
 def calibrate_clip(
     how: How,
-    source: str | os.PathLike[str] | Iterable[Image] | ClipFrames,
+    source: str | os.PathLike[str] | Iterable[Image] | ClipInput,
     kept: Store[FinishedPart] | None = None,
     executor: Executor | None = None,
 ) -> VideoCalibration:
@@ -214,13 +214,13 @@ def calibrate_clip(
 class Clip:
     """A clip whose parts can be calibrated, each by itself."""
 
-    frames: ClipFrames
+    frames: ClipInput
     how: How
     on: CameraSide
     shape: Shape | None = None
 
     @classmethod
-    def of(cls, how: How, source: str | os.PathLike[str] | Iterable[Image] | ClipFrames) -> Clip:
+    def of(cls, how: How, source: str | os.PathLike[str] | Iterable[Image] | ClipInput) -> Clip:
         """Look at the first frames, and check the arguments of `calibrate_video`."""
         check_of_clip(how.task.chosen_flags)
         if how.camera == "moving" and how.task.chosen_flags & CalibrationFlags.CALIB_FIX_POSITION:
@@ -229,9 +229,8 @@ class Clip:
         is_free = how.may_be_enlarged and how.task.given.is_empty and network is not None
         on, how = replace(how, network=network, may_be_enlarged=is_free).on_paint().on_side()
         how = how.on_part()
-        frames = clip_frames(source)
-        with frames.opened() as images:
-            return cls(frames, how, on, ShapeEstimator(how).shape(images))
+        frames = clip_input(source)
+        return cls(frames, how, on, ShapeEstimator(how).shape(frames))
 
     @cached_property
     def parts(self) -> Sequence[ClipPart]:
@@ -246,8 +245,7 @@ class Clip:
     @property
     def image_size(self) -> tuple[int, int]:
         """Width and height of its first image."""
-        with self.frames.opened() as images:
-            return size_of(next(iter(images)))
+        return size_of(next(iter(self.frames)))
 
     def calibrated(
         self, numbers: Sequence[int], kept: Store[FinishedPart], executor: Executor | None = None
@@ -297,7 +295,7 @@ class FinishedPart(NamedTuple):
 class ClipPart:
     """Frames of a clip that are calibrated without the others, perhaps by another process."""
 
-    frames: ClipFrames
+    frames: ClipInput
     how: How
     shape: Shape | None
     begin: int
@@ -307,8 +305,9 @@ class ClipPart:
     size: tuple[int, int] | None = None
     """Width and height that its images must have; None if it is the whole clip."""
 
-    def cut_out(self, images: Iterable[Image]) -> Iterator[Image]:
+    def cut_out(self) -> Iterator[Image]:
         """Cut the frames out of the images, reading ahead; a ValueError for an image of another size."""
+        images = iter(self.frames)
         if self.shape is not None:
             return read_ahead(map(partial(_in_frame, self.shape.placement), images))
         return read_ahead(images if self.size is None else map(partial(checked_image, image_size=self.size), images))
@@ -321,23 +320,20 @@ def _in_frame(placement: Placement, image: Image) -> Image:
 def calibrated_part(part: ClipPart) -> FinishedPart:
     """Calibrate a part of a clip."""
     how = part.how
-    with part.frames.opened() as images:
-        frames = part.cut_out(images)
-        first = list(islice(frames, 1))
-        tracker = KeyframeTracker(how.every, moving=not how.is_on_tripod)
-        tied = tied_frames(chain(first, frames), tracker=tracker)
-        keyframes = read_keyframes(tied, how, part.begin, tracker) if first else None
-        reading = part.frames.told()
+    frames = part.cut_out()
+    first = list(islice(frames, 1))
+    tracker = KeyframeTracker(how.every, moving=not how.is_on_tripod)
+    tied = tied_frames(chain(first, frames), tracker=tracker)
+    keyframes = read_keyframes(tied, how, part.begin, tracker) if first else None
+    reading = part.frames.told()
     if keyframes is None:
         return FinishedPart(VideoCalibration.joined([]), reading)
     solved = solve_tripods(solve_shots(keyframes))
     count = len(solved.pieces.number)
-    with part.frames.opened() as images:
-        lines = find_clip_lines(solved, islice(part.cut_out(images), count))
+    lines = find_clip_lines(solved, islice(part.cut_out(), count))
     found = finish_clip(lines)
     if off_paint(found) > LOOK_AGAIN:
-        with part.frames.opened() as images:
-            found = finish_clip_again(found, lines, islice(part.cut_out(images), count))
+        found = finish_clip_again(found, lines, islice(part.cut_out(), count))
     return FinishedPart(found, reading)
 
 

@@ -21,11 +21,12 @@ from fieldcalib.images.clip.clip_shape import LiveShape, ShapeEstimator, bright_
 from fieldcalib.images.clip.tracker import Tracker
 from fieldcalib.images.from_images import How
 from fieldcalib.images.shape.borders_and_windows import parts_of, within_borders
+from fieldcalib.io.clips import ClipInput
+from fieldcalib.io.frame_source import VideoFrames
 from fieldcalib.io.samples import TrueFrame
 from fieldcalib.io.videos import VideoReader
 from fieldcalib.problem.labelled_pixels import PixelTable
 from fieldcalib.problem.picture_shape import Crop, Placement
-from fieldcalib.run_folder.frame_source import ClipInput, VideoFrames
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import KNOWN_INTRINSICS_FLAGS
 

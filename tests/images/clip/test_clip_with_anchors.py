@@ -17,8 +17,8 @@ from fieldcalib.fields import tennis
 from fieldcalib.images.background.keyframe_tracking import linked_frames, tied_frames
 from fieldcalib.images.clip.clip_with_anchors import _without_contradicted
 from fieldcalib.images.clip.keyframes import KeyframeLabels
+from fieldcalib.io.frame_source import ArrayFrames as Arrays
 from fieldcalib.problem.labelled_pixels import PixelTable
-from fieldcalib.run_folder.frame_source import ArrayFrames as Arrays
 
 COUNT = 12
 CAMERAS = panned(COUNT)

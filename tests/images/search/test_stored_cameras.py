@@ -1,6 +1,7 @@
 """Pictures that are recognised by the cameras of earlier results: fixed cameras, also those that moved a little."""
 
 from dataclasses import replace
+from functools import cache
 
 import cv2
 import numpy as np
@@ -49,6 +50,12 @@ def stored(*cameras, field=FIELD, flags=DEFAULT_FLAGS):
     return {f"camera {number}": _by_labels(camera, field, flags) for number, camera in enumerate(cameras)}
 
 
+@cache
+def of_camera():
+    """Earlier results, of the one camera; made once."""
+    return stored(CAMERA)
+
+
 def crowded(camera, seed=1):
     return picture(camera, FIELD, seed)
 
@@ -66,7 +73,7 @@ def recognised(earlier, image, field=FIELD):
 
 
 def test_a_camera_that_has_not_moved_stays_as_it_is():
-    earlier = stored(CAMERA)
+    earlier = of_camera()
     results = calibrate([crowded(CAMERA)], network=Blind(), same_camera=earlier, progress=False)
     found = results["000000"]
     assert found.verdict == "good"
@@ -80,7 +87,7 @@ def test_a_camera_that_has_not_moved_stays_as_it_is():
 @pytest.mark.parametrize(("px", "zoom"), [(1.5, 1.0), (-7.0, 1.0), (9.0, 1.01), (0.0, 0.97)])
 def test_a_camera_that_was_nudged_is_found_as_moved(px, zoom):
     truth = turned(px, zoom)
-    found = recognised(stored(CAMERA), crowded(truth))
+    found = recognised(of_camera(), crowded(truth))
     assert found.verdict == "good"
     assert farthest(found.camera, truth) < 1.0 < farthest(CAMERA, truth)
     (finding,) = found.findings
@@ -112,17 +119,17 @@ def test_a_fisheye_camera_keeps_its_lens(pan):
     ids=["turned", "zoomed", "elsewhere", "another"],
 )
 def test_pictures_of_other_cameras_are_not_recognised(truth):
-    assert recognised(stored(CAMERA), crowded(truth)) is None
+    assert recognised(of_camera(), crowded(truth)) is None
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_pictures_without_a_field_are_not_recognised(seed):
-    assert recognised(stored(CAMERA), nonsense(seed)) is None
+    assert recognised(of_camera(), nonsense(seed)) is None
 
 
 def test_pictures_that_are_not_recognised_go_the_usual_way():
     images = [np.zeros((540, 960, 3), np.uint8), crowded(CAMERA), nonsense(0)]
-    results = calibrate(images, network=Blind(), same_camera=stored(CAMERA), progress=False)
+    results = calibrate(images, network=Blind(), same_camera=of_camera(), progress=False)
     alone = calibrate(images[::2], network=Blind(), progress=False)
     assert list(results.verdicts.values()) == ["reject", "good", "reject"]
     assert [results[k] for k in (0, 2)] == list(alone.values())
@@ -134,7 +141,7 @@ def test_the_camera_is_told_from_others():
 
 
 def test_so_many_cameras_are_stored():
-    (one,) = stored(CAMERA).values()
+    (one,) = of_camera().values()
     many = {str(k): replace(one, camera=turned(8.0 * k)) for k in range(DIFFERENT + 6)}
     kept = [one.id for one in StoredCameras.of(many, FIELD).cameras]
     assert len(kept) == DIFFERENT
@@ -148,12 +155,12 @@ def test_cameras_that_are_alike_are_stored_once():
 def test_a_marking_beside_its_paint_is_no_recognised_picture():
     """A camera on another pitch that is 6 m wider: all other markings are where they were."""
     wider = soccer(105.0, 74.0, size_known=True)
-    assert recognised(stored(CAMERA), render_field(CAMERA, wider)) is None
+    assert recognised(of_camera(), render_field(CAMERA, wider)) is None
 
 
 def test_a_recognised_camera_recognises_further_pictures():
     """Its reason names the last picture, and no line of reasons grows."""
-    first = recognised(stored(CAMERA), crowded(turned(5.0)))
+    first = recognised(of_camera(), crowded(turned(5.0)))
     second = recognised({"first": first}, crowded(turned(5.0), seed=2))
     assert second.findings == (Finding(What.RECOGNISED, "first", (0.0,)),)
     assert second.camera == first.camera
@@ -180,8 +187,8 @@ def test_the_other_side_of_a_court_stays_an_alternative(pan):
             FIELD,
             "no camera of the results is good",
         ),
-        (stored(CAMERA), tennis(), "of another field, 105 x 68 m, than that of 23.77 x 10.97 m"),
-        (stored(CAMERA), soccer(100.0, 64.0, size_known=True), "of another field, 105 x 68 m, than that of 100 x 64 m"),
+        (of_camera(), tennis(), "of another field, 105 x 68 m, than that of 23.77 x 10.97 m"),
+        (of_camera(), soccer(100.0, 64.0, size_known=True), "of another field, 105 x 68 m, than that of 100 x 64 m"),
         ({"a": CAMERA}, FIELD, "expected a Calibration, as in results, got a Camera"),
         ({"a": None}, FIELD, "expected a Calibration, as in results, got a NoneType"),
     ],
@@ -193,7 +200,7 @@ def test_results_that_cannot_recognise_a_picture(earlier, field, message):
 
 
 def test_what_same_camera_is_not_of():
-    image, earlier = crowded(CAMERA), stored(CAMERA)
+    image, earlier = crowded(CAMERA), of_camera()
     with pytest.raises(ValueError, match="same_camera is of pictures"):
         calibrate([image, image], clip=True, same_camera=earlier, progress=False)
     with pytest.raises(ValueError, match="leave one of them out"):
@@ -205,7 +212,7 @@ def test_what_same_camera_is_not_of():
 
 
 def test_the_command_recognises_pictures_by_a_folder(tmp_path, capsys):
-    earlier = stored(CAMERA)
+    earlier = of_camera()
     Results(KeptFrames(list(earlier), list(earlier.values()))).save(tmp_path / "earlier")
     shown = {"same": CAMERA, "moved": turned(4.0)}
     for name, one in shown.items():
@@ -237,7 +244,7 @@ def test_the_command_recognises_pictures_by_a_folder(tmp_path, capsys):
     ids=["another sport", "another size", "a clip", "one field", "a known place", "another side"],
 )
 def test_a_folder_that_does_not_fit_is_refused(more, message, tmp_path, capsys):
-    earlier = stored(CAMERA)
+    earlier = of_camera()
     Results(KeptFrames(list(earlier), list(earlier.values()))).save(tmp_path / "earlier")
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((540, 960, 3), np.uint8))
     out = ["--out", str(tmp_path / "out"), "--same-camera", str(tmp_path / "earlier"), str(tmp_path / "a.png")]

@@ -6,41 +6,34 @@ an input is a video, a stream or images, and whether its frames are calibrated t
 
 from __future__ import annotations
 
+import re
+import sys
 from abc import ABC, abstractmethod
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
 from dataclasses import dataclass
-from functools import cached_property, partial
-from itertools import chain, count, islice
+from functools import cached_property
+from itertools import chain, islice
 from pathlib import Path
 from threading import Lock
 from typing import Any, TypeVar
 
 import numpy as np
 
-from fieldcalib._progress import Progress, progress_bar, say, waiting_for
+from fieldcalib._progress import say, waiting_for
 from fieldcalib._types import is_number
-from fieldcalib.io.clips import OneSize, Reading, in_order
 from fieldcalib.io.decoders import DEFAULT_RATE
-from fieldcalib.io.files import BrokenFileError, FrameFile, named_in_errors
+from fieldcalib.io.files import BrokenFileError, FrameFile, error_message, named_in_errors
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.frame_range import WHOLE, Cut, ends_before
 from fieldcalib.io.image_files import MOST_PIXELS, Image, checked_image, size_of
 from fieldcalib.io.streams import Input, Stream
 from fieldcalib.io.videos import FrameReader, VideoReader
-from fieldcalib.problem.picture_shape import Crop, Placement
-from fieldcalib.run_folder.labelled_frames import name_skipped
-from fieldcalib.run_folder.record import Outcome
-from fieldcalib.run_folder.work_units import read_each
 
-PASSES = ("looking", "matching", "finding lines")  # names of the passes over the frames of a clip, in this order
-AGAIN, DRAWING = "finding lines again", "drawing"  # names of further passes
-SOLVING = "solving the clip"  # name of the work between passes
-REPLACED = "the frames are not those that were read before: was the input replaced in the meantime? Run it again"
 MOST_BYTES = 256_000_000  # largest file of an image
 CACHE_BYTES = 64_000_000  # of the images in memory: 10 of 1920 x 1080
-HELD_BYTES = 540_000_000  # of the frames of a clip in memory: the 85 at which its shape is looked at, of 1920 x 1080
+
+EVERY = range(sys.maxsize)  # numbers of frames
 
 T = TypeVar("T")
 
@@ -60,9 +53,27 @@ class Frame:
     seconds: float | None = None
     """Time stamp of a frame of a video, if it is known."""
 
+    @property
+    def bytes(self) -> int:
+        """Number of bytes of the image in memory."""
+        return 0 if self.image is None else self.image.nbytes
+
 
 def ignored(*told: object) -> None:
     """Do nothing: what is told is of no interest, and any image is accepted."""
+
+
+def read_each(files: Iterable[FrameFile], read: Callable[[FrameFile], T]) -> tuple[dict[str, T], dict[str, str]]:
+    """Read the files of frames; returns the contents, and the problems of broken files, by frame id."""
+    found: dict[str, T] = {}
+    broken: dict[str, str] = {}
+    for file in files:
+        try:
+            with waiting_for(file.path):
+                found[file.id] = read(file)
+        except (ValueError, MemoryError) as error:
+            broken[file.id] = error_message(error)
+    return found, broken
 
 
 @dataclass(frozen=True)
@@ -72,11 +83,16 @@ class ReadImage:
     most_bytes: float = MOST_BYTES
     most_pixels: float = MOST_PIXELS
     check: Callable[[Image], object] = ignored
+    skips_broken: bool = True
+    """Whether a file that cannot be read becomes a frame without image; otherwise it is an error that names it."""
 
     def __call__(self, item: FrameFile | Frame) -> Frame:
         """Read the image of a file."""
         if isinstance(item, Frame):
             return item
+        if not self.skips_broken:
+            with named_in_errors(item.path):
+                return Frame(item.id, self.image(item), path=item.path)
         found, broken = read_each([item], self.image)
         return Frame(item.id, found.get(item.id), broken.get(item.id, ""), item.path)
 
@@ -201,10 +217,10 @@ class FrameSource(ABC):
     def part(self, begin: int, end: int) -> FrameSource:
         """The frames from the `begin`-th up to the `end`-th in order, without messages."""
 
-    def learn(self, reading: Reading) -> None:
+    def learn(self, broken: Mapping[str, str], loss: str) -> None:
         """Take over what readings of parts have told, and tell it."""
-        self.broken |= reading.broken
-        self.loss = reading.loss
+        self.broken |= broken
+        self.loss = loss
 
     def __getstate__(self) -> dict[str, Any]:
         """Everything that another process needs."""
@@ -220,33 +236,43 @@ class FrameSource(ABC):
 
 
 class ArrayFrames(FrameSource):
-    """Images in memory, checked when they are read; their ids are their numbers with six digits."""
+    """Images that can be iterated over repeatedly, checked when they are read; their ids are their `numbers`."""
 
-    def __init__(self, images: Sequence[Image], cut: Cut = WHOLE) -> None:
+    def __init__(self, images: Iterable[Image], numbers: range = EVERY) -> None:
         super().__init__()
-        self._images, self._cut = images, cut
-
-    @cached_property
-    def _numbers(self) -> Sequence[int]:
-        return in_cut(range(len(self._images)), self._cut, ignored)
+        self._images, self._numbers = images, numbers
 
     @cached_property
     def ids(self) -> Sequence[str]:
         """The numbers of the images."""
-        return [f"{number:06d}" for number in self._numbers]
+        count = len(self._images) if isinstance(self._images, Sized) else sum(1 for _ in self._images)
+        return [f"{number:06d}" for number in self._numbers[:count]]
 
     def __iter__(self) -> Iterator[Frame]:
-        for id, number in zip(self.ids, self._numbers, strict=True):
-            yield Frame(id, checked_image(self._images[number]))
+        for number, image in zip(self._numbers, self._images, strict=False):
+            yield Frame(f"{number:06d}", checked_image(image))
 
     def part(self, begin: int, end: int) -> ArrayFrames:
-        """Some of the images, which only go to another process."""
-        some = ArrayFrames([self._images[number] for number in self._numbers[begin:end]])
-        some.ids = self.ids[begin:end]
-        return some
+        """Some of the images; only these go to another process if they are in a list or an array."""
+        images, numbers = self._images, self._numbers[begin:end]
+        if isinstance(images, list | tuple | np.ndarray):
+            return ArrayFrames(images[begin:end], numbers)
+        return ArrayFrames(_Some(images, begin, end), numbers)
 
     def _read(self, number: int) -> Image:
-        return checked_image(self._images[self._numbers[number]])
+        return checked_image(next(iter(_Some(self._images, number, number + 1))))
+
+
+@dataclass(frozen=True)
+class _Some:
+    images: Iterable[Image]
+    begin: int
+    end: int
+
+    def __iter__(self) -> Iterator[Image]:
+        if isinstance(self.images, Sequence):
+            return (self.images[k] for k in range(self.begin, self.end))
+        return islice(self.images, self.begin, self.end)
 
 
 class FileFrames(FrameSource):
@@ -272,7 +298,7 @@ class FileFrames(FrameSource):
         return [file.id for file in self.files]
 
     def __iter__(self) -> Iterator[Frame]:
-        one_size = OneSize()
+        first: tuple[FrameFile, tuple[int, int]] | None = None  # of a clip
         for file in self.files:
             if file.id in self.broken:
                 yield Frame(file.id, None, self.broken[file.id], file.path)
@@ -282,19 +308,23 @@ class FileFrames(FrameSource):
                 self.broken[frame.id] = frame.problem
                 self._tell(f"{frame.path}: {frame.problem}")
             elif self._is_clip:
-                one_size.check(file, frame.image)
+                size = size_of(frame.image)
+                first = first or (file, size)
+                if size != first[1]:
+                    sizes = "{} has {} x {} pixels, {} {} x {}".format(file.path, *size, first[0].path, *first[1])
+                    raise ValueError(f"the images of a clip must be of one size: {sizes}")
             yield frame
 
     def part(self, begin: int, end: int) -> FileFrames:
         """The images of some of the files."""
         return FileFrames(self.files[begin:end], self._one, ignored, is_clip=self._is_clip)
 
-    def learn(self, reading: Reading) -> None:
+    def learn(self, broken: Mapping[str, str], loss: str) -> None:
         """Take over what readings of parts have told, and tell of images that cannot be read."""
         for file in self.files:
-            if file.id in reading.broken and file.id not in self.broken:
-                self._tell(f"{file.path}: {reading.broken[file.id]}")
-        super().learn(reading)
+            if file.id in broken and file.id not in self.broken:
+                self._tell(f"{file.path}: {broken[file.id]}")
+        super().learn(broken, loss)
 
     def _read(self, number: int) -> Image:
         file = self.files[number]
@@ -387,16 +417,15 @@ class VideoFrames(FrameSource):
                 self._tell(loss)
 
     def part(self, begin: int, end: int) -> VideoFrames:
-        """Some of the frames; the video has been looked at."""
-        assert self._reader is not None
-        cut = Cut.part(self._reader.numbers[begin:end])
-        return VideoFrames(self._path, cut, self._one, self._threads, ignored)
+        """Some of the frames; those of a cut by times only if the video has been looked at."""
+        numbers = self._cut.numbers() if self._reader is None else self._reader.numbers
+        return VideoFrames(self._path, Cut.part(numbers[begin:end]), self._one, self._threads, ignored)
 
-    def learn(self, reading: Reading) -> None:
+    def learn(self, broken: Mapping[str, str], loss: str) -> None:
         """Take over what readings of parts have told, and tell of frames that are not there."""
-        if reading.loss and not self.loss:
-            self._tell(reading.loss)
-        super().learn(reading)
+        if loss and not self.loss:
+            self._tell(loss)
+        super().learn(broken, loss)
 
     @cached_property
     def _video(self) -> VideoReader:
@@ -442,34 +471,15 @@ class VideoFrames(FrameSource):
             self._kept.clear()
 
 
-def frames_of_files(
-    paths: Sequence[Path],
-    cut: Cut = WHOLE,
-    read: ReadImage = READ,
-    threads: int | None = None,
-    *,
-    is_clip: bool = False,
-) -> FrameSource:
-    """Open a video, or files of images; images of a clip are in the order of the numbers in their names.
+def in_order(files: Iterable[FrameFile]) -> list[FrameFile]:
+    """Sort files by the numbers in their names.
 
-    Files in folders and zips that are not images are named on stderr.
-
-    Raises
-    ------
-    FileNotFoundError, BrokenFileError, ValueError
-        As `find_files`, `in_cut` and `VideoReader`, and as the check of `read` for the frames of a video.
+    Examples
+    --------
+    >>> [file.id for file in in_order(FrameFile(id, Path(id)) for id in ("frame 10", "frame 9"))]
+    ['frame 9', 'frame 10']
     """
-    if VIDEOS.recognises(paths[0]):
-        return VideoFrames(paths[0], cut, read, threads).looked_at()
-    files = image_files(paths)
-    return FileFrames(in_cut(in_order(files) if is_clip else files, cut, say), read, is_clip=is_clip)
-
-
-def image_files(inputs: Sequence[Path]) -> list[FrameFile]:
-    """Find images in folders and zips, and single files; unused files are named on stderr."""
-    files = IMAGES.find(inputs)
-    name_skipped(inputs, files)
-    return files
+    return sorted(files, key=lambda file: [(text, int(n or 0)) for text, n in re.findall(r"(\D*)(\d*)", file.id)])
 
 
 def in_cut(images: Sequence[T], cut: Cut, tell: Callable[[str], object]) -> Sequence[T]:
@@ -505,140 +515,6 @@ def checked_frames(name: Input, reader: FrameReader, check: Callable[[Image], ob
             yield Frame(f"{number:06d}", image, path=str(name), is_of_video=True, seconds=reader.seconds)
 
 
-def part_of_frame(part: Crop | None, image: Image) -> Placement:
-    """Placement of an image that is a part of a frame, or a whole one."""
-    return placed(size_of(image), size_of(image), part)
-
-
-whole_frame = partial(part_of_frame, None)
-"""Placement of an image that is a whole frame."""
-
-
-def placed(size: tuple[int, int], display_size: tuple[int, int], part: Crop | None) -> Placement:
-    """Placement of images of a size, as shown, in their frames; a BrokenFileError if they do not fit there."""
-    if part is not None and np.any(np.add(part.corner, display_size) > part.frame_size):
-        width, height = display_size
-        raise BrokenFileError(f"does not fit, with {width} x {height} pixels, into the frame of {part}")
-    return Placement(size, display_size, part)
-
-
-class ClipInput:
-    """The frames of a clip, in which its images lie; they can be read several times, with progress.
-
-    The last frames, as many as fit into `HELD_BYTES`, stay in memory, so that they are decoded once. The next reading
-    goes on where one was left before its end.
-    """
-
-    def __init__(
-        self, source: FrameSource, placement: Callable[[Image], Placement] = whole_frame, progress: Progress = True
-    ) -> None:
-        self.source, self._placement, self.progress = source, placement, progress
-        self.ids: Sequence[str] = []
-        """Ids of all frames, in order; known after the first pass."""
-        self._passes = iter(PASSES)
-        self._first: Placement | None = None
-        self._most_held, self._announced = HELD_BYTES, 0
-        self._held: dict[int, Frame] = {}
-        self._newest, self._bytes = -1, 0  # number of the last frame that was held, and size of all that are
-        self._left: tuple[Iterator[Frame], int] | None = None  # a reading that was left, and how many frames it gave
-
-    @property
-    def pixel_aspect(self) -> float:
-        """Width of a pixel as shown, in heights."""
-        return self.source.pixel_aspect
-
-    @property
-    def count(self) -> int:
-        """Number of frames, as the input announces; they are counted if it does not."""
-        return len(self.ids) or self.source.count or sum(1 for _ in self.source)
-
-    def opened(self) -> AbstractContextManager[Iterable[Image]]:
-        """The frames, each reading of which is a pass."""
-        return nullcontext(self)
-
-    def part(self, begin: int, end: int) -> ClipInput:
-        """Some of the frames, which do not stay in memory, nor do those that were read so far."""
-        self._held.clear()
-        part = ClipInput(self.source.part(begin, end), self._placement, self.progress)
-        part._passes, part._most_held, part._announced = iter(PASSES[1:]), 0, end - begin
-        return part
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Everything that another process needs, which shows no progress."""
-        return {**self.__dict__, "progress": False}
-
-    def told(self) -> Reading:
-        """What the last reading has told."""
-        return Reading(self.ids, self.source.broken, self.source.loss)
-
-    def learn(self, reading: Reading) -> None:
-        """Take over what was told by the readings of all parts."""
-        self.ids = reading.ids
-        self.source.learn(reading)
-
-    def frame_size(self) -> tuple[int, int]:
-        """Width and height of the frames, from the first one that can be read."""
-        placement = self.placement()
-        return (0, 0) if placement is None else placement.frame_size
-
-    def placement(self) -> Placement | None:
-        """Placement of the images in their frames, from the first one that can be read; None if there is none."""
-        if self._first is None:
-            first = next((frame.image for frame in self._read() if frame.image is not None), None)
-            self._first = None if first is None else self._placement(first)
-        return self._first
-
-    def _read(self) -> Iterator[Frame]:
-        """Yield the images as they are, those in memory without reading them again."""
-        (reading, given), self._left = self._left or (iter(self.source), 0), None
-        try:
-            for number in count():
-                frame = self._held.get(number)
-                if frame is None:
-                    if self.ids and number == len(self.ids) and given != number:
-                        return  # the last ones were in memory
-                    if given > number:
-                        reading, given = iter(self.source), 0
-                    frame, given = next(islice(reading, number - given, None), None), number + 1
-                    if frame is None:
-                        return
-                    self._hold(number, frame)
-                yield frame
-        finally:
-            self._left = reading, given
-
-    def _hold(self, number: int, frame: Frame) -> None:
-        """Keep a frame in memory, unless one after it was read already; the first ones make room for it."""
-        if number <= self._newest:
-            return
-        self._held[number], self._newest = frame, number
-        self._bytes += bytes_of(frame)
-        while self._bytes > self._most_held:
-            self._bytes -= bytes_of(self._held.pop(next(iter(self._held))))
-
-    def __iter__(self) -> Iterator[Image]:
-        """Yield the frames, for the images that can be read."""
-        self.placement()  # it is known from then on
-        for frame in self.frames(next(self._passes, AGAIN)):
-            if frame.image is not None:
-                yield self._placement(frame.image).image_in_frame(frame.image)
-
-    def frames(self, stage: str = DRAWING) -> Iterator[Frame]:
-        """Yield the images as they are, with progress under the name `stage`."""
-        ids: list[str] = []
-        total = len(self.ids) or self._announced or self.source.count or None
-        with progress_bar(desc=stage, total=total, unit="frame", progress=self.progress) as progress:
-            for frame in self._read():
-                if self.ids and self.ids[len(ids) : len(ids) + 1] != [frame.id]:
-                    raise BrokenFileError(REPLACED)
-                ids.append(frame.id)
-                yield frame
-                progress.update()
-        if self.ids and len(ids) < len(self.ids):
-            raise BrokenFileError(REPLACED)
-        self.ids = ids
-
-
 def is_video(one: Input) -> bool:
     """Whether an input is the file of a video."""
     return not isinstance(one, Stream) and VIDEOS.recognises(one)
@@ -671,22 +547,6 @@ def videos_in(one: Input) -> list[Input]:
     if any(map(IMAGES.recognises, files)):
         return [one]
     return [path for path in files if VIDEOS.recognises(path)] or [one]
-
-
-def outcomes_of(
-    frames: Iterable[Frame], results: Iterable[T], outcome: Callable[[Frame, Image, T], Outcome]
-) -> list[Outcome]:
-    """Make the outcomes of frames, from the results for the frames that could be read."""
-    rest = iter(results)
-    return [
-        Outcome.broken(frame, frame.problem) if frame.image is None else outcome(frame, frame.image, next(rest))
-        for frame in frames
-    ]
-
-
-def bytes_of(frame: Frame) -> int:
-    """Number of bytes of its image in memory."""
-    return 0 if frame.image is None else frame.image.nbytes
 
 
 def pixels_of(frame: Frame) -> int:
