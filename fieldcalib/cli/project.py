@@ -45,7 +45,6 @@ NUMBERS = (*POINT, "field_x_sd", "field_y_sd", "field_correlation", *FROM_CENTRE
 COLUMNS = (*NUMBERS, SYSTEM, "problem")
 NO_CAMERA, REJECTED, NO_BOX = "no camera", "camera rejected", "no box"
 HORIZON, NO_RAY = "above the horizon", "outside the lens"
-SHARES = (1, 1)  # the size of pictures of which boxes are shares
 OFF_PITCH, CUT = "off the pitch", "cut by the image"
 EDGE = 1.0  # px from the lower edge of the image, within which a box is cut by it
 LEAST_BOXES = 100  # that show by how far they reach whether they are of images of another size
@@ -172,8 +171,8 @@ def run(options: argparse.Namespace) -> int:
     show(f"{rows} in {options.out}{': ' * bool(said)}{said}")
     for size, extent in extents.items():
         hint = hint_of_another_size(extent.farthest, extent.count, size)
-        if size != SHARES and np.all(extent.farthest <= 1.0):
-            say(f"all boxes lie within 0..1: if they are shares of the picture, --size {SHARES[0]}x{SHARES[1]} says so")
+        if size != (1, 1) and np.all(extent.farthest <= 1.0):
+            say("all boxes lie within 0..1: if they are shares of the picture, --size 1x1 says so")
         elif hint and extent.count >= LEAST_BOXES:
             say(f"the boxes {hint} --size says of which they are, 1x1 for shares")
     return 0

@@ -19,7 +19,7 @@ OPTION = "option"  # key of the metadata of such fields
 
 NEGATIVE = re.compile(r"-\.?\d")  # how a negative number begins
 SYNONYMS = {"sport": "field", "from": "start", "to": "end", "image-size": "size"}  # what people try first
-COMMAND, SIZE = "COMMAND", "size"  # what comes first on a command line; an option of labels, which pictures do not need
+COMMAND = "COMMAND"
 LIKE = 0.65  # least similarity, from 0 to 1, of a name that is suggested: none for --frames or --gpu
 
 
@@ -93,7 +93,7 @@ def did_you_mean(text: str, known: Iterable[str]) -> str:
     names = {one.lstrip("-"): one for one in known}  # dashes, which all options have, make none of them similar
     tried = text.lower().lstrip("-")
     meant = SYNONYMS.get(tried, "")
-    if tried == SIZE and tried not in names:
+    if tried == "size" and tried not in names:
         return "; pictures and videos have a size: leave it out"
     close = [meant] if meant in names else difflib.get_close_matches(tried, list(names), n=1, cutoff=LIKE)
     return f"; did you mean {names[close[0]]}?" if close else ""

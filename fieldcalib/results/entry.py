@@ -261,9 +261,8 @@ def _field(field: object) -> Field:
         return field
     if isinstance(field, str):
         return read_field(field) if is_field_file(field) else field_named(field)
-    hint = "; of a mapping make one: Field(length, width, mapping)" if isinstance(field, Mapping) else ""
-    expected = 'expected a Field, as fieldcalib.soccer(), or the name of a sport, as "soccer"'
-    raise ValueError(f"{expected}, got {named(field)}{hint}")
+    expected = "expected a Field, as fieldcalib.soccer() or Field(length, width, mapping), or the name of a sport"
+    raise ValueError(f"{expected}, got {named(field)}")
 
 
 def _position(time: str | float) -> Position:

@@ -328,7 +328,7 @@ def test_a_stream_is_read_up_to_its_end(rendered, knows, tmp_path, monkeypatch):
         (np.zeros((270, 480, 3), np.uint8), {"step": 0}, "step must be"),
         (np.zeros((270, 480, 3), np.uint8), {"field": "tenis"}, "tennis"),
         (np.zeros((270, 480, 3), np.uint8), {"field": 3}, "expected a Field"),
-        (labelled(), {"field": dict(soccer()), "image_size": SIZE}, r"got a dict; .* Field\(length, width, mapping\)$"),
+        (labelled(), {"field": dict(soccer()), "image_size": SIZE}, r"Field\(length, width, mapping\), .* got a dict$"),
         ({"Middle line": [{"x": 0.5, "y": 0.1}]}, {"image_size": SIZE}, "of files give the path, with image_size"),
         (labelled(), {"image_size": "480x270"}, "image_size must be .* got '480x270'$"),
         (np.zeros((270, 480, 3), np.uint8), {"camera": "moving"}, "camera is of clips"),
