@@ -89,11 +89,13 @@ HOW: Mapping[Advice, Mapping[Tool, str]] = MappingProxyType(
 """What to do in each tool."""
 
 
-def how(advice: Iterable[Advice], tool: Tool, given: Iterable[str] = ()) -> str:
+def how(advice: Iterable[Advice], tool: Tool = Tool.PYTHON, given: Iterable[str] = ()) -> str:
     """How advice is followed in a tool; empty where nothing is to be said, or an option for it was `given` already.
 
     Examples
     --------
+    >>> how([Advice.PART])  # of a calibration: how(calibration.advice)
+    "crop_of=, as '1920x1080+960+0' (its own size with +0+0 if nothing is cut off)"
     >>> how([Advice.LOOK, Advice.FIELD_SIZE], Tool.COMMAND)
     'run --show-paint; --field-length and --field-width with --field-size known'
     >>> how([], Tool.PAGE)

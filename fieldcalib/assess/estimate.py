@@ -168,9 +168,10 @@ class GroundError:
 
     @property
     def rms(self) -> Array:
-        """Root mean square distance to the true point, (...,) metres."""
+        """Root mean square distance to the true point, (...,) metres: of one point a float."""
         variance = np.trace(self.covariance, axis1=-2, axis2=-1)
-        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))  # rounding may make it less than 0
+        rms: Array = np.sqrt(np.maximum(variance, 0.0))  # rounding may make it less than 0
+        return rms
 
     def ellipse(self, level: float = 0.95) -> tuple[Array, Array]:
         """The ellipse that contains the true point with the probability `level`.
@@ -187,7 +188,7 @@ class GroundError:
         half_axes = region_radius(2, self.dof, level) * np.sqrt(np.maximum(values[..., ::-1], 0.0))
         y, x = np.moveaxis(vectors[..., 1], -1, 0)[::-1].copy()
         angle = np.arctan2(y, x)
-        return np.where(known[..., None], half_axes, np.nan), np.where(known, angle, np.nan)
+        return np.where(known[..., None], half_axes, np.nan), np.where(known, angle, np.nan)[()]
 
 
 class Estimate(ABC):

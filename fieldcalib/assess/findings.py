@@ -90,6 +90,8 @@ class What(StrEnum):
     """The picture may be a part of a frame."""
     ENLARGED = "enlarged part"
     """The picture may be an enlarged part of a frame."""
+    EXCHANGED_SIZE = "exchanged size"
+    """Width and height of a picture may be exchanged: they would be those of a usual one."""
     SHAPE = "shape"
     """Whether a picture was squashed or cut out is open."""
     NARROW = "narrow picture"
@@ -120,6 +122,8 @@ class What(StrEnum):
     """The axes of the points are left-handed: one of them is to be turned over."""
     OTHER_AXES = "other axes"
     """Axes of the points of a field point the other way."""
+    EXCHANGED_PIXELS = "exchanged pixels"
+    """The pixels are (y, x) instead of (x, y)."""
     OTHER_PICTURE = "other picture"
     """The pixels are those of a picture of another width and height."""
     WANTS_LENS = "wants a lens"
@@ -199,7 +203,7 @@ class What(StrEnum):
         return self in CAUSES
 
 
-CAUSES = frozenset([What.LEFT_HANDED, What.OTHER_AXES, What.OTHER_PICTURE, What.EXPLAINED])
+CAUSES = frozenset([What.LEFT_HANDED, What.OTHER_AXES, What.EXCHANGED_PIXELS, What.OTHER_PICTURE, What.EXPLAINED])
 NOTES = frozenset(
     [
         *(What.RECOGNISED, What.SEARCHED, What.TO_SEARCH, What.WAS_SQUASHED, What.FEW_LINES, What.MAY_BE_OTHER_SPORT),
@@ -331,7 +335,7 @@ def _wanted(name: str, offset: float) -> str:
 
 def in_words(*findings: Finding | SuspectLabel) -> str:
     """Sentences of findings and suspect labels, each once."""
-    return "; ".join(dict.fromkeys(map(str, findings)))
+    return "; ".join(dict.fromkeys("; ".join(map(str, findings)).split("; ")))
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,8 @@ class GroundPoints:
     def correlation(self) -> Array:
         """Correlation of the errors of x and y, (...,); NaN where a standard deviation is 0, infinite or not known."""
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.asarray(self.covariance[..., 0, 1] / self.standard_deviations.prod(axis=-1))
+            correlation: Array = self.covariance[..., 0, 1] / self.standard_deviations.prod(axis=-1)
+            return correlation
 
 
 def locate_on_ground(

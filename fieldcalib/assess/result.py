@@ -276,7 +276,7 @@ class Calibration:
 
     @property
     def advice(self) -> tuple[Advice, ...]:
-        """What the `remedy` asks for: `fieldcalib.assess.how` says how it is followed in a tool."""
+        """What the `remedy` asks for: ``fieldcalib.assess.how(calibration.advice)`` says by which arguments."""
         return self._remedy.advice
 
     @property

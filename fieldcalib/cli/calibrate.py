@@ -29,7 +29,7 @@ from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_camera_types
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.problem.picture_shape import Placement
+from fieldcalib.problem.picture_shape import Declared, Placement
 from fieldcalib.run_folder.labelled_frames import CalibratedFrame, calibrate_folder
 from fieldcalib.run_folder.record import ESTIMATED
 from fieldcalib.run_folder.work_units import in_groups
@@ -156,7 +156,8 @@ class _Method:
         ]
 
     def _in_picture(self, calibration: Calibration, placement: Placement, labels: Pixels) -> Calibration:
-        calibration = replace(calibration, declared=self.known.declared)
+        if self.known.declared is not Declared.NOTHING:
+            calibration = replace(calibration, declared=self.known.declared)
         if self.known.crop_of is not None:  # labels of a part stop short of the whole frame
             calibration = replace(calibration, are_annotated=False)
         if self.least_probability is not None:

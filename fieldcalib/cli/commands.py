@@ -8,7 +8,7 @@ from itertools import islice, pairwise
 from pathlib import Path
 
 import fieldcalib
-from fieldcalib.console.options import NEGATIVE, Parser
+from fieldcalib.console.options import COMMAND, NEGATIVE, Parser
 
 COMMANDS = {
     "run": "calibrate images, a video or annotated frames",
@@ -53,7 +53,7 @@ def command_parser(arguments: Sequence[str]) -> Parser:
     """
     parser = Parser(prog="fieldcalib", description="Calibrate cameras from the markings of a sports field.")
     parser.add_argument("--version", action="version", version=f"fieldcalib {fieldcalib.__version__}")
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    commands = parser.add_subparsers(required=True, metavar=COMMAND)
     given = next((argument for argument in arguments if not argument.startswith("-")), None)
     for name, help in COMMANDS.items():
         command = commands.add_parser(name, help=help)

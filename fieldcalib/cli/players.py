@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fieldcalib._progress import counted
 from fieldcalib._types import Array
 from fieldcalib.cli.frame_cameras import Cameras
 from fieldcalib.console.arguments import count
@@ -77,6 +78,13 @@ class PlayersOnMaps:
         """The frames of the results from the first to the last one with players; all if no players are given."""
         ids = list(self._order)
         return ids[min(self._at) : max(self._at) + 1] if self._at else ids
+
+    def missing(self, id: str) -> str:
+        """A line of output if the table has no row of a frame, but of others; empty if it has some."""
+        if not self._at or self._order[id] in self._at:
+            return ""
+        has = f"the table has {counted(len(self._at), 'frame')}, {self.ids[0]} to {self.ids[-1]}"
+        return f"no players: they are those of {id}, the last frame that is drawn, and {has}"
 
     def of(self, id: str) -> tuple[Array, list[Colour], list[Array]]:
         """Points (N, 2) of the players in a frame, their colours, and their trails; NaN where there is no point."""

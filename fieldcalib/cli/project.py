@@ -171,7 +171,9 @@ def run(options: argparse.Namespace) -> int:
     show(f"{rows} in {options.out}{': ' * bool(said)}{said}")
     for size, extent in extents.items():
         hint = hint_of_another_size(extent.farthest, extent.count, size)
-        if hint and extent.count >= LEAST_BOXES:
+        if size != (1, 1) and np.all(extent.farthest <= 1.0):
+            say("all boxes lie within 0..1: if they are shares of the picture, --size 1x1 says so")
+        elif hint and extent.count >= LEAST_BOXES:
             say(f"the boxes {hint} --size says of which they are, 1x1 for shares")
     return 0
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldcalib._progress import counted, progress_bar, show
+from fieldcalib._progress import counted, progress_bar, say, show
 from fieldcalib.cli.frame_cameras import IN_ORDER, Cameras, field_of
 from fieldcalib.cli.players import PlayerOptions, PlayersOnMaps
 from fieldcalib.console.arguments import add_cameras_and_out, add_inputs, add_most_bytes, positive
@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--players",
         type=Path,
         metavar="FILE",
-        help="the table of project: draws the players, of the last frame that is shown",
+        help="the table of project: draws the players where they are in the last of the frames",
     )
     add_options(parser, PlayerOptions)
     add_most_bytes(parser)
@@ -77,6 +77,8 @@ def run(options: argparse.Namespace) -> int:
     write_image(options.out, draw_players(picture, overhead, points, colours=colours, trails=trails))
     share = f"{100.0 * seen.mean():.0f} % of the picture seen"
     show(f"{options.out}: {width} x {height} pixels of {counted(len(shown), 'frame')}, {share}")
+    if missing := players.missing(shown[-1]):
+        say(missing)
     if players.legend:
         show(players.legend)
     return 0

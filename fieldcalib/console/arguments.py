@@ -471,7 +471,7 @@ def or_search(load: Callable[[], SegmentationNetwork]) -> SegmentationNetwork | 
     try:
         return load()
     except OtherFieldError:
-        say("the network that comes with fieldcalib knows soccer fields only: courts are found by search")
+        say("the court is found by search, which needs no network")
         return None
 
 

@@ -19,6 +19,7 @@ OPTION = "option"  # key of the metadata of such fields
 
 NEGATIVE = re.compile(r"-\.?\d")  # how a negative number begins
 SYNONYMS = {"sport": "field", "from": "start", "to": "end", "image-size": "size"}  # what people try first
+COMMAND = "COMMAND"
 LIKE = 0.65  # least similarity, from 0 to 1, of a name that is suggested: none for --frames or --gpu
 
 
@@ -92,6 +93,8 @@ def did_you_mean(text: str, known: Iterable[str]) -> str:
     names = {one.lstrip("-"): one for one in known}  # dashes, which all options have, make none of them similar
     tried = text.lower().lstrip("-")
     meant = SYNONYMS.get(tried, "")
+    if tried == "size" and tried not in names:
+        return "; pictures and videos have a size: leave it out"
     close = [meant] if meant in names else difflib.get_close_matches(tried, list(names), n=1, cutoff=LIKE)
     return f"; did you mean {names[close[0]]}?" if close else ""
 
@@ -133,6 +136,8 @@ class Parser(argparse.ArgumentParser):
         name, missing = command.prog, message.partition("arguments are required: ")[2].split(", ")
         lacking = [one for one in command._actions if one.option_strings and "/".join(one.option_strings) in missing]
         takes = [(one.option_strings[0], one.metavar or ", ".join(one.choices or ()), one.help) for one in lacking]
+        if self._subparsers is not None and COMMAND in missing:
+            message += f", one of {', '.join(self._subparsers._group_actions[0].choices or ())}"
         meant = "".join(f"\n  {option} {value}: {help}" for option, value, help in takes)
         self.exit(2, f"usage: {name} ..., all options: {name} --help\n{name}: error: {message}{''.join(said)}{meant}\n")
 

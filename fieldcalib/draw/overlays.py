@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from reprlib import repr as short
 from types import MappingProxyType
+from typing import Any
 from zlib import crc32
 
 import numpy as np
@@ -182,7 +183,9 @@ def label_colour(label: str) -> Colour:
     ]
 
 
-def draw_calibration(image: Image, calibration: Calibration, field: Field, *, show_paint: bool = False) -> Image:
+def draw_calibration(
+    image: Image, calibration: Calibration, field: Field | None = None, *, show_paint: bool = False
+) -> Image:
     """Draw a calibration onto a copy of its image: the projected markings, and a map in a corner.
 
     If it is not accepted, its markings are dashed, and its status and the reason are written instead of the map.
@@ -193,7 +196,8 @@ def draw_calibration(image: Image, calibration: Calibration, field: Field, *, sh
         In OpenCV's order: blue, green, red. It is not changed.
     calibration : Calibration
         The calibration of this image.
-    field : Field
+    field : Field, optional
+        By default the calibration's own.
     show_paint : bool
         Whether markings that lie beside their paint are drawn in orange, and those without any in grey
         (`Calibration.markings`).
@@ -217,18 +221,19 @@ def draw_calibration(image: Image, calibration: Calibration, field: Field, *, sh
     """
     expect(calibration, Calibration, "that of calibrate_from_segments")
     truth(show_paint, "show_paint")
-    check_object(field)
+    of: Any = calibration.field if field is None else field
     (height, width), camera, accepted = checked_image(image).shape[:2], calibration.camera, calibration.accepted
     if camera is None:
         picture = np.array(image, order="C")
     else:
+        check_object(of)
         colours = {one.label: ORANGE if one.is_displaced else GREY for one in calibration.markings if one.is_off}
         thickness = max(1, round(height / 540.0))
         picture = draw_field(
-            image, camera, field, thickness=thickness, dashed=not accepted, colours=colours if show_paint else {}
+            image, camera, of, thickness=thickness, dashed=not accepted, colours=colours if show_paint else {}
         )
         if accepted:
-            inset_map(picture, camera, field)
+            inset_map(picture, camera, of)
             return picture
     scale = min(height, 1.5 * width) / 900.0
     margin, reason = round(20.0 * scale), calibration.message.partition(";")[0]

@@ -85,7 +85,7 @@ class Terrain(NamedTuple):
         """Height (...,) of the ground above the corners at points (..., 2 or 3), metres; at infinity it is 0."""
         heights = (self.crown, self.width, X[..., 1]), (self.fall, self.length, X[..., 0])
         parts = (one * Profile.at(2.0 * p / side).share for one, side, p in heights if np.any(one))
-        return np.asarray(sum(parts, start=np.zeros(X.shape[:-1])))
+        return sum(parts, start=np.zeros(X.shape[:-1])[()])
 
     def raised(self, X: Array) -> Array:
         """Points (..., 3) of the level field, moved up with the ground.

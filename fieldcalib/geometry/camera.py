@@ -355,7 +355,8 @@ class Camera:
 
     def depth(self, X: ArrayLike) -> Array:
         """Depth of world points (..., 3) along the optical axis, metres; negative behind the camera."""
-        return np.asarray((_vectors(X, 3, "world points") - self.C) @ self.R[2])
+        depth: Array = (_vectors(X, 3, "world points") - self.C) @ self.R[2]
+        return depth
 
     def project(self, X: ArrayLike) -> Array:
         """Pixels of world points, with distortion.

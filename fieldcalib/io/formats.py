@@ -17,6 +17,7 @@ from typing import Any, Generic, TypeAlias, TypeVar
 
 from fieldcalib._types import expect, file_path
 from fieldcalib.fields.field import ObjectSegments
+from fieldcalib.geometry.camera import checked_image_size
 from fieldcalib.io.annotations import Annotation, Labels, LeftOut, renamed
 from fieldcalib.io.coco import format_coco, parse_coco
 from fieldcalib.io.cvat import format_cvat, parse_cvat
@@ -374,6 +375,7 @@ def read_annotations(
     """
     names = read_labels(file_path(labels, "labels")) if isinstance(labels, str | Path) else labels
     expect(names, Mapping, '{"half": "Middle line"}')
+    image_size = None if image_size is None else checked_image_size(image_size)
     annotations = {}
     for frame in frames_in(ANNOTATIONS.find([file_path(path, "annotations")]), names).frames:
         with named_in_errors(frame.path):

@@ -19,6 +19,7 @@ from fieldcalib._types import FIELD, Array, expect, listed, number, real_array
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Point
 from fieldcalib.fields.sports.soccer import CIRCLE_RADIUS, soccer
+from fieldcalib.geometry.camera import checked_image_size
 from fieldcalib.io.pnlcalib import KEYPOINTS, NAMES, keypoint_field, keypoint_name, keypoints_by_name
 
 ROBOFLOW = tuple(NAMES["roboflow"])
@@ -104,7 +105,7 @@ def key_points(
     >>> round(calibration.camera.focal_length, -2)
     1600.0
     """
-    named = point_field(model, field)
+    named, image_size = point_field(model, field), None if image_size is None else checked_image_size(image_size)
     if isinstance(result, Mapping):
         if model != "pnlcalib-57":
             raise ValueError("expected the result of a model or an array of points; a dict by id is of 'pnlcalib-57'")

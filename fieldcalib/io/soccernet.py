@@ -17,7 +17,7 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.fields.traits import BEHIND_LEFT_GOAL, BEHIND_RIGHT_GOAL, MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT
-from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.camera import Camera, checked_image_size
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.io.files import BrokenFileError as BrokenFileError  # re-exported: every reader here raises it
 from fieldcalib.io.files import FrameFile, find_files, named_in_errors, parse_json_object
@@ -76,7 +76,7 @@ def parse_annotation(content: bytes | str, image_size: tuple[int, int], *, unkno
     """
     record = parse_json_object(content, "labels")
     pixels: Pixels = {}
-    scale = np.array(image_size) - 1.0
+    scale = np.array(checked_image_size(image_size)) - 1.0
     for label, points in record.items():
         name = label.strip()
         if not points or (name in UNKNOWN_LABELS and not unknown):
@@ -103,8 +103,8 @@ def format_annotation(pixels: Mapping[str, Array], image_size: tuple[int, int]) 
     ValueError
         If a pixel is not finite, or the image is one pixel wide or high: its coordinates cannot be normalised.
     """
-    if pixels and min(image_size) < 2:
-        width, height = image_size
+    width, height = checked_image_size(image_size)
+    if pixels and min(width, height) < 2:
         raise ValueError(f"pixels of an image of {width} x {height} cannot be normalised by (width - 1, height - 1)")
     scale = np.array(image_size) - 1.0
     record = {

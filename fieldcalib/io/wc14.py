@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, one_of
+from fieldcalib.geometry.camera import checked_image_size
 from fieldcalib.geometry.homography import ALIGNMENTS, SINGULAR, Alignment, finite_homography
 from fieldcalib.io.files import BrokenFileError
 
@@ -77,7 +78,7 @@ def format_homography(
 
 def _resize(old: tuple[int, int], new: tuple[int, int]) -> Array:
     """Pixels of an image to pixels of the same image resized."""
-    return np.diag([new[0] / old[0], new[1] / old[1], 1.0])
+    return np.diag([*np.divide(checked_image_size(new), checked_image_size(old)), 1.0])
 
 
 def checked_homography(values: ArrayLike) -> Array:

@@ -28,6 +28,7 @@ LEAST_SLOPE = 0.05  # flatter lines have no left side in the image: the middle l
 MOST_PIXELS = 200  # of a label: more do not make its position surer, since errors of paint and lens are common to all
 LARGEST_WEIGHT = 1e9  # with larger ones rounding leaves nothing of the prior, and solvers end before a minimum
 MOST_FIELDS = 5  # that are named: more of them have labels as "Middle line"
+OF_FILE = "of files give the path, with image_size, or what fieldcalib.io.read_annotations(path, image_size) reads"
 FARTHEST_PIXEL = 10.0  # image sizes from the centre: farther coordinates are mistakes
 
 
@@ -94,6 +95,8 @@ def check_segments(
         try:
             xy = real_array(values)
         except ValueError as error:
+            if isinstance(values, Sequence) and isinstance(values[0], Mapping):
+                raise ValueError(f"{label!r}: {short(values[0])} is no pixel: {OF_FILE}") from None
             raise ValueError(f"{label!r}: expected pixels of shape (N, 2), got {repr(values)[:100]}: {error}") from None
         if xy.size == 0:
             continue

@@ -361,6 +361,8 @@ class Results(Numbered[Calibration]):
         boxes = np.asarray(getattr(detections, "xyxy", detections))
         if boxes.dtype.kind not in "fiu" or (boxes.size and boxes.shape[-1:] not in ((2,), (4,))):
             raise ValueError(f"expected boxes (N, 4) or pixels (N, 2), got {boxes.dtype} of shape {boxes.shape}")
+        if np.any(boxes > 0) and np.all(boxes <= 1):
+            warn("all boxes lie within 0..1, as shares of the picture do: multiply them by its size", stacklevel=2)
         xy = foot_points(boxes) if boxes.shape[-1:] == (4,) else boxes.reshape(-1, 2)
         return locate_on_ground(self[self._id(frame)], xy, pixel_sd=pixel_sd)
 

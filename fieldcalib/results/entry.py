@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._progress import Progress, progress_bar, solving
-from fieldcalib._types import expect, file_path, is_number, number, truth
+from fieldcalib._types import expect, file_path, is_number, named, number, truth
 from fieldcalib.assess.result import Calibration, in_picture
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.fields.catalogue import AUTO
@@ -55,6 +55,7 @@ from fieldcalib.run_folder.results import CLIP
 from fieldcalib.run_folder.work_units import grouped, unit_size, units_of
 from fieldcalib.solve.batch import calibrate_labels
 from fieldcalib.solve.field_size import of_size, shared_size
+from fieldcalib.solve.likelier_shape import with_likely_aspect
 from fieldcalib.solve.request import GivenCamera, Task
 from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, Prior
 
@@ -112,7 +113,7 @@ def calibrate(
         * a (height, width, 3) uint8 array in blue, green, red, a picture of PIL, a list of them, or an iterator;
         * a ``cv2.VideoCapture``, whose frames are calibrated one by one;
         * labelled pixels, a mapping of labels to (N, 2) pixels, several of them in a list or by id, or what
-          `read_annotations` reads, or the path of that;
+          `read_annotations` reads, or the path of that, or a list of these;
         * a URL, or ``"-"`` for standard input, up to `end`. To calibrate frames as they come, use `Tracker`.
     field : str or Field
         The name of a sport (`fieldcalib.fields.catalogue.FIELDS`), a file with a field of one's own, a `Field`, or
@@ -260,7 +261,8 @@ def _field(field: object) -> Field:
         return field
     if isinstance(field, str):
         return read_field(field) if is_field_file(field) else field_named(field)
-    raise ValueError(f'expected a Field, as fieldcalib.soccer(), or the name of a sport, as "soccer", got {field!r}')
+    expected = "expected a Field, as fieldcalib.soccer() or Field(length, width, mapping), or the name of a sport"
+    raise ValueError(f"{expected}, got {named(field)}")
 
 
 def _position(time: str | float) -> Position:
@@ -355,7 +357,7 @@ def input_of(
     source: object, cut: Cut, clip: bool | None, image_size: tuple[int, int] | None, *, rgb: bool = False
 ) -> Input:
     """Recognise the kind of a source of `fieldcalib.calibrate`; a ValueError if it is none of them."""
-    labels = _labels_in(source)
+    labels, image_size = _labels_in(source), None if image_size is None else checked_image_size(image_size)
     if labels is not None:
         if cut != WHOLE or clip is not None:
             raise ValueError("start, end, step and clip are of pictures: leave them out for labelled pixels")
@@ -417,11 +419,12 @@ def pictures_of(input: Input) -> Pictures:
     raise ValueError("the field is found in pictures that can be read twice: name it, or give a list or a path")
 
 
-def _labels_in(source: object) -> Mapping[str, Labels] | Path | None:
-    """Labelled pixels by id, or the path of annotations; None if the source is something else."""
-    if isinstance(source, str | os.PathLike):
-        path = file_path(source, "a picture, a folder or a video")
-        return path if str(source) and path.exists() and are_annotations(path) else None
+def _labels_in(source: object) -> Mapping[str, Labels] | list[Path] | None:
+    """Labelled pixels by id, or the paths of annotations; None if the source is something else."""
+    several = source if isinstance(source, Sequence) and not isinstance(source, str) else [source]
+    if len(several) and all(isinstance(one, str | os.PathLike) for one in several):
+        paths = [file_path(one, "a picture, a folder or a video") for one in several if str(one)]
+        return paths if paths and all(path.exists() and are_annotations(path) for path in paths) else None
     if isinstance(source, Annotation):
         return {source.id: source}
     if isinstance(source, Mapping):
@@ -472,7 +475,7 @@ def _arrays(images: Sequence[Image], cut: Cut, clip: bool | None) -> Input:
 class Labelled:
     """Labelled pixels by id, or the path of annotations; each frame is calibrated by itself."""
 
-    labels: Mapping[str, Labels] | Path
+    labels: Mapping[str, Labels] | Sequence[Path]
     image_size: tuple[int, int] | None
     """Size of the pictures, if the user gives it."""
 
@@ -486,13 +489,15 @@ class Labelled:
         field = how.task.field
         assert field is not None  # `fieldcalib.calibrate` makes it
         (ids, frames, broken), collected = self._frames(field), Collected()
+        method = partial(calibrate_labels, how.task, executor=executor)
         with progress_bar(unit="frame", total=len(ids), progress=progress) as bar:
             for unit in units_of(ids, unit_size(len(ids))):
                 found: dict[str, Calibration] = {}
                 losses: dict[str, float] = {}
                 for size, some in grouped([id for id in unit if id in frames], lambda id: frames[id][1]).items():
                     pixels = {id: frames[id][0] for id in some}
-                    calibrations = calibrate_labels(how.task, list(pixels.values()), size, executor=executor)
+                    labels, is_estimated = list(pixels.values()), how.task.given.camera_matrix is None
+                    calibrations = with_likely_aspect(field, method, labels, size, estimated=is_estimated)
                     losses |= paper_losses(field, pixels, calibrations)
                     found |= zip(some, calibrations, strict=True)
                 for id in unit:
@@ -501,20 +506,21 @@ class Labelled:
                     else:
                         collected.add(id, found[id], **({EQ3: losses[id]} if id in losses else {}))
                 bar.update(len(unit))
-        return Results(_readable(collected, {id: f"{self.labels}: {id}" for id in broken}), command="calibrate")
+        where = "" if isinstance(self.labels, Mapping) or len(self.labels) > 1 else f"{self.labels[0]}: "
+        return Results(_readable(collected, {id: f"{where}{id}" for id in broken}), command="calibrate")
 
     def _frames(self, field: Field) -> tuple[list[str], Mapping[str, Labelling], Mapping[str, str]]:
         """Ids of the frames, pixels of each and the size of its picture, and what is wrong with the files of others."""
-        if not isinstance(self.labels, Path):
+        if isinstance(self.labels, Mapping):
             return list(self.labels), {id: self._frame(id, one, field) for id, one in self.labels.items()}, {}
         reader = AnnotationReader(field, self.image_size)
-        files = reader.find([self.labels])
+        files = reader.find(self.labels)
         return [file.id for file in files], *read_each(files, reader.read)
 
     def _frame(self, id: str, labels: Labels, field: Field) -> Labelling:
         """Check the pixels of a frame; also returns the size of its picture."""
         pixels, size = (labels.pixels, labels.image_size) if isinstance(labels, Annotation) else (labels, None)
-        size = size if self.image_size is None else checked_image_size(self.image_size)
+        size = self.image_size or size
         if size is None:
             raise ValueError("labelled pixels do not say the size of their pictures: give image_size=(width, height)")
         try:

@@ -304,7 +304,8 @@ def calibrate_from_points(
 
 def _calibrated_as(reading: PointReading, points: Points, task: Task, image_size: tuple[int, int]) -> Calibration:
     """The calibration of points that are read in some way."""
-    read = replace(points, X=points.X @ reading.axes.T)
+    xy = points.xy[:, ::-1] if reading.exchanges_pixels else points.xy
+    read = replace(points, X=points.X @ reading.axes.T, xy=xy)
     flags = int(task.flags or 0) & ~reading.freed
     on_field = _on_field(task.prior)
     segments = soccer_points(read.segments) if on_field else read.segments
@@ -328,7 +329,8 @@ def _examined(found: Calibration, points: Points, task: Task, options: Options) 
         found = with_findings(found, *unchecked(found, points.X, options.unknowns, read))
     found = with_doubted_points(found, points.pixels, size, options.unknowns)
     notes = [found.message]
-    if hint and (on_field or is_contradicted(found)) and found.verdict is not Verdict.GOOD:
+    is_open = is_contradicted(found) and not found.has_finding(What.EXCHANGED_PIXELS)
+    if hint and (on_field or is_open) and found.verdict is not Verdict.GOOD:
         notes.append(f"the points {hint}")
     is_plane = not on_field and not is_placed and len(points.X) > 0 and np.ptp(points.X[:, 2]) == 0.0
     if is_plane and found.accepted and found.required_camera.C[2] > points.X[0, 2]:

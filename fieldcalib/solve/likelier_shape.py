@@ -16,6 +16,7 @@ from fieldcalib.assess.result import Calibration, found_of, in_picture, with_fin
 from fieldcalib.fields.field import ObjectSegments
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels
 from fieldcalib.problem.picture_shape import (
+    WIDTHS,
     Declared,
     Placement,
     lacks_little,
@@ -27,6 +28,7 @@ from fieldcalib.problem.picture_shape import (
 from fieldcalib.solve.solver_options import CERTAIN
 
 OUTSIDE = 0.02  # of the width: in 821 frames of SoccerNet and WC14 no pixel lies more than 0.01 outside
+NEAR_LAST = 4  # px: whoever clicks the ends of lines clicks so near to the last column of a picture of usual width
 MOST_RAISED = 0.1  # share of a camera's height, from which on another one that fits as well leaves the height open
 
 
@@ -42,7 +44,8 @@ def with_border_complaint(object_segments: ObjectSegments, frame: Pixels, calibr
         lines = {label: xy for label, xy in frame.items() if len(xy) and not object_segments[label].is_point}
         others += tuple(Finding(What.OUTSIDE, label, (px,)) for label, px in _outside(lines, size).items())
         if column is not None:
-            others = (*others, Finding(What.BORDER, numbers=(column, size[0], column + 1)))
+            width = min((one for one in WIDTHS if column < one <= column + NEAR_LAST), default=column + 1)
+            others = (*others, Finding(What.BORDER, numbers=(column, size[0], width)))
     return calibration if others == found_of(calibration) else replace(calibration, _found=others)
 
 
@@ -118,7 +121,8 @@ def with_likely_aspect(
 ) -> list[Calibration]:
     """Calibrate frames of one size, each as it is or stretched to 16:9, whichever its labels make more likely.
 
-    Unless the aspect ratio is `estimated`, all are calibrated as they are.
+    Unless the aspect ratio is `estimated`, all are calibrated as they are. Whoever types the size of normalised pixels
+    may exchange its sides: an upright picture that seems squashed is doubted, as hardly any frame is shown so narrow.
     """
     found = calibrate(frames, image_size)
     if not (estimated and may_be_squashed(image_size)):
@@ -130,4 +134,7 @@ def with_likely_aspect(
         likelier(one, other, evidence_of(other) - evidence_of(one), image_size) if one.solved or other.solved else one
         for one, other in zip(found, calibrate(in_frame, squashed.frame_size), strict=True)
     ]
+    if image_size[0] < image_size[1] and lacks_little(image_size[::-1]):
+        exchanged = Finding(What.EXCHANGED_SIZE, numbers=image_size)
+        chosen = [with_findings(one, exchanged) if WAS_SQUASHED in found_of(one) else one for one in chosen]
     return [with_border_complaint(object_segments, *pair) for pair in zip(pixels, chosen, strict=True)]

@@ -51,6 +51,8 @@ class PointReading:
     """Factor (3, 3) of the coordinates."""
     image_size: tuple[int, int] | None = None
     """Size of the picture in which the pixels are; None for the given one."""
+    exchanges_pixels: bool = False
+    """Whether the two coordinates of the pixels are exchanged."""
     freed: int = 0
     """`CalibrationFlags` that are taken away: what they fix is then estimated."""
     finds_wrong: bool = True
@@ -58,6 +60,7 @@ class PointReading:
 
 
 NOT_SQUARE = PointReading((Finding(What.NOT_SQUARE),), freed=CalibrationFlags.CALIB_FIX_ASPECT_RATIO)
+EXCHANGED_PIXELS = PointReading((Finding(What.EXCHANGED_PIXELS),), exchanges_pixels=True)
 LENS = PointReading((Finding(What.WANTS_LENS),), freed=CalibrationFlags.CALIB_FIX_K1)
 TURNED_OVER = tuple(
     PointReading((Finding(What.LEFT_HANDED, axis),), np.diag(np.where(np.arange(3) == k, -1.0, 1.0)))
@@ -76,6 +79,7 @@ def point_readings(
     x, y, z = TURNED_OVER
     of_field, of_others = ([y, x], []) if is_flat(X) else ([z, y, x, Y_AND_Z], [z])
     found = of_field if on_field else of_others
+    found += [EXCHANGED_PIXELS] * bool(np.all(xy[:, ::-1] < image_size))
     if is_shape_known:
         return found
     found += [replace(NOT_SQUARE, findings=one.findings + NOT_SQUARE.findings, axes=one.axes) for one in found]
@@ -129,7 +133,7 @@ def with_best_reading(
     count = len(found.per_segment_errors)
     findings = (*reading.findings, Finding(What.EXPLAINED, numbers=(count, best.rms)))
     others = (one for one in found_of(found) if one.what not in BY_LABEL)
-    no_camera = any(one.what in (What.LEFT_HANDED, What.OTHER_AXES) for one in findings)
+    no_camera = any(one.what in (What.LEFT_HANDED, What.OTHER_AXES, What.EXCHANGED_PIXELS) for one in findings)
     status = Status.IMPLAUSIBLE if no_camera else found.status
     message = str(findings[-1]) if status is Status.ACCEPTED else in_words(*findings)
     return replace(found, status=status, message=message, suspect_labels=(), _found=(*findings, *others))

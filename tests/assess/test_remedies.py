@@ -479,6 +479,7 @@ def corners_of(width):
 
 
 X, XY = seen(BOTH)
+LEFT_PART = XY[:, 0] < SIZE[1]  # of pixels that are farther right it is said at once that they lie outside
 AREA = np.array([(-52.5, -20.16, 0.0), (-36.0, -20.16, 0.0), (-36.0, 20.16, 0.0), (-52.5, 20.16, 0.0)])
 OFF = XY + np.where(np.arange(len(X)) == 2, 25.0, 0.0)[:, None]
 BENT = Camera.from_angles(-0.3, 1.36, 0.01, 700.0, (-2.0, 62.0, -15.0), SIZE, k=(-0.35, 0.0))
@@ -487,6 +488,7 @@ AT_EDGE = np.array([[-52.5, 34.0, 0.0]]), np.array([[0.5, 400.0]])
 TYPED = {
     What.LEFT_HANDED: ((X * (1, 1, -1), XY, {"prior": None}), (X, XY, {"prior": None})),
     What.OTHER_AXES: ((X * (1, -1, -1), XY, {}), (X, XY, {})),
+    What.EXCHANGED_PIXELS: ((X[LEFT_PART], XY[LEFT_PART, ::-1], {}), (X, XY, {})),
     What.OTHER_PICTURE: ((X, 0.5 * XY, {}), (X, XY, {})),
     What.WANTS_LENS: ((*seen(BENT), {"prior": None}), (*seen(BENT), {"prior": None, "flags": K_FREE})),
     What.PICTURE_CORNERS: ((X[:4], [(0, 0), (959, 0), (959, 539), (0, 539)], {}), (X, XY, {})),
@@ -534,6 +536,14 @@ def test_labels_with_their_sides_exchanged_back():
     names = PITCH.mirrored[0]
     before = calibrate_from_segments(PITCH, {names[label]: xy for label, xy in frame_of(LEFT).items()}, SIZE)
     assert before.remedy == CAUSE_REMEDIES[What.EXCHANGED_SIDES].text
+    assert is_better(calibrate_from_segments(PITCH, frame_of(LEFT), SIZE), before)
+
+
+@follows(CAUSE_REMEDIES[What.EXCHANGED_SIZE])
+def test_width_and_height_in_their_order():
+    upright = {label: xy * (540 / 960, 960 / 540) for label, xy in frame_of(LEFT).items()}
+    before = calibrate_from_segments(PITCH, upright, SIZE[::-1], estimate_aspect=True)
+    assert before.remedy == CAUSE_REMEDIES[What.EXCHANGED_SIZE].text
     assert is_better(calibrate_from_segments(PITCH, frame_of(LEFT), SIZE), before)
 
 

@@ -131,6 +131,8 @@ def test_where_there_is_no_ground_there_is_no_error():
     assert np.isfinite(half_axes[1]).all()
     assert np.isnan(found.at_field((0.0, 200.0, 0.0)).rms)  # behind the camera
     assert found.at_field(np.zeros((0, 3))).rms.shape == (0,)
+    one = found.at_image([480.0, 500.0])
+    assert all(isinstance(number, float) for number in (one.rms, one.ellipse()[1], found.camera.depth(np.zeros(3))))
 
 
 def test_what_is_no_ground_point_is_refused():

@@ -298,7 +298,8 @@ def test_labels_of_another_size_end_where_its_picture_ends(factor):
     as_it_is = calibrate_from_segments(FIELD, clipped, SIZE)
     assert not [one for one in as_it_is.findings if one.what is What.BORDER]
     found = calibrate_from_segments(FIELD, clipped, size)
-    assert [one for one in found.findings if one.what is What.BORDER and one.numbers[0] // 10 == 95]
+    (border,) = [one for one in found.findings if one.what is What.BORDER]
+    assert (border.numbers[0] // 10, border.numbers[2]) == (95, SIZE[0])
     assert found.verdict is not Verdict.GOOD
 
 

@@ -294,6 +294,14 @@ def test_a_size_that_squashes_the_frames_is_doubted(tmp_path, capsys):
     assert "not square" not in capsys.readouterr().err
     assert main(["calibrate", str(frames), "--size", "540x960", "--out", str(tmp_path / "swapped")]) == 0
     assert "show pixels that are not square: is the size right?" in capsys.readouterr().err
+    found, by_function = (
+        fieldcalib.read(tmp_path / "swapped"),
+        fieldcalib.calibrate(frames, image_size=(540, 960), progress=False),
+    )
+    for id, one in found.items():
+        assert (one.verdict, one.reason) == (by_function[id].verdict, by_function[id].reason)
+        assert one.reason.startswith("are width and height exchanged? 540x960 is upright")
+        assert one.verdict == "check"
 
 
 @pytest.mark.parametrize("free", [SAME_FIELD, SAME_FIELD[:2]], ids=["one", "each"])

@@ -56,6 +56,8 @@ def test_an_unknown_prior(annotated_folder, tmp_path, capsys):
         (["calibrate", "a.json", "--out", "o", "--prior", "main centre"], "or none; did you mean main center?"),
         (["topview", "a", "--outt", "o"], "did you mean --out?"),
         (["calibrat", "a.json"], "; did you mean calibrate?"),
+        (["run", "a.jpg", "--out", "o", "--size", "960x540"], "--size 960x540; pictures and videos have a size"),
+        ([], "required: COMMAND, one of run, open, "),
         (["--versoin"], "there is no --versoin; did you mean --version?"),
     ],
 )

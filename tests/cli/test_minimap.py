@@ -205,6 +205,12 @@ def test_players_on_a_top_view(folder, capsys):
     expected = draw_players(plain, overhead, [(12.0, -5.0), (np.nan, np.nan)], colours=[RED, BLUE], trails=trails)
     np.testing.assert_array_equal(picture, expected)
     assert is_at(picture, RED, overhead.project([12.0, -5.0, 0.0]))
+    path = table(folder, [row for row in ROWS if row[0] != 1])
+    assert command("topview", folder, *options, "--players", path) == 0
+    assert (
+        "no players: they are those of 000001, the last frame that is drawn, and the table has"
+        in capsys.readouterr().err
+    )
 
 
 def test_players_are_drawn_where_a_camera_sees_them():

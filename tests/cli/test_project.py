@@ -332,6 +332,14 @@ def test_boxes_of_images_of_another_size_are_spoken_of(tmp_path, cameras, capsys
     assert capsys.readouterr().err == ""
 
 
+def test_boxes_that_look_normalised_are_spoken_of(tmp_path, cameras, capsys):
+    path = written(tmp_path / "boxes.csv", [["0", "0.5", "0.6", "0.1", "0.2"]], ["frame", "x", "y", "width", "height"])
+    assert projected(path, cameras)
+    assert "all boxes lie within 0..1: if they are shares of the picture, --size 1x1" in capsys.readouterr().err
+    assert projected(path, cameras, "--size", "1x1")
+    assert capsys.readouterr().err == ""
+
+
 def test_cameras_are_read_again_when_they_are_asked_for(tmp_path, cameras, calibration):
     """What is held of a frame is its place in the file, wherever it is: lines of other lengths, one cut off."""
     path = cameras / "cameras.jsonl"

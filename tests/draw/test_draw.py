@@ -1,5 +1,7 @@
 """What is drawn lies where the markings are, to fractions of a pixel, and nothing lies elsewhere."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -316,6 +318,7 @@ def test_markings_off_their_paint_have_a_colour_of_their_own():
     beside.append(MarkingInView("Side line left", 900.0, 200, 1.0, 0.0))  # most of the paint is where it should be
     seen = found.seen_in_image(beside)
     shown, plain = (draw_calibration(image, seen, soccer(), show_paint=one) for one in (True, False))
+    np.testing.assert_array_equal(draw_calibration(image, replace(seen, field=soccer())), plain)
     changed = np.any(shown != plain, axis=2)
     assert farthest(changed, true_pixels(BROADCAST, FIELD["Side line top"].sample(0.05))) < 2.0
     blue, _, red = np.moveaxis(shown[changed].astype(int), -1, 0)

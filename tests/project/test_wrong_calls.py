@@ -108,7 +108,7 @@ WRONG = {
     "no field to draw": (lambda _: draw_field(IMAGE, CAMERA, None), "expected a field"),
     "no camera to draw": (lambda _: draw_field(IMAGE, None, soccer()), "expected a Camera"),
     "no calibration to draw": (lambda _: draw_calibration(IMAGE, None, soccer()), "expected a Calibration"),
-    "no field of a calibration": (lambda found: draw_calibration(IMAGE, found, None), "expected a field"),
+    "no field of a calibration": (lambda found: draw_calibration(IMAGE, found, "soccer"), "expected a field"),
     "no camera on a map": (lambda _: draw_minimap("camera", soccer()), "expected a Camera"),
     "no field from above": (lambda _: overhead_camera(None), "expected a Field"),
     "a size of a field": (lambda _: soccer("105", 68.0), "expected length and width as numbers"),

@@ -19,7 +19,7 @@ from fieldcalib import Camera, calibrate, read, soccer
 from fieldcalib.draw.scene import render_field
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.image_files import NO_IMAGE
-from fieldcalib.io.soccernet import parse_annotation
+from fieldcalib.io.soccernet import format_annotation, parse_annotation
 from fieldcalib.io.videos import VideoWriter
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.results.frames import ById
@@ -328,12 +328,24 @@ def test_a_stream_is_read_up_to_its_end(rendered, knows, tmp_path, monkeypatch):
         (np.zeros((270, 480, 3), np.uint8), {"step": 0}, "step must be"),
         (np.zeros((270, 480, 3), np.uint8), {"field": "tenis"}, "tennis"),
         (np.zeros((270, 480, 3), np.uint8), {"field": 3}, "expected a Field"),
+        (labelled(), {"field": dict(soccer()), "image_size": SIZE}, r"Field\(length, width, mapping\), .* got a dict$"),
+        ({"Middle line": [{"x": 0.5, "y": 0.1}]}, {"image_size": SIZE}, "of files give the path, with image_size"),
+        (labelled(), {"image_size": "480x270"}, "image_size must be .* got '480x270'$"),
         (np.zeros((270, 480, 3), np.uint8), {"camera": "moving"}, "camera is of clips"),
     ],
 )
 def test_what_cannot_be_calibrated_is_said(source, options, message):
     with pytest.raises(ValueError, match=message):
         calibrate(source, progress=False, **options)
+
+
+def test_a_list_of_annotations(tmp_path):
+    paths = [tmp_path / f"{number}.json" for number in range(2)]
+    for path in paths:
+        path.write_text(format_annotation(labelled(), SIZE), encoding="utf-8")
+    found = calibrate(paths, image_size=SIZE, progress=False)
+    assert list(found) == ["0", "1"]
+    assert str(found[0].camera) == str(calibrate(paths[0], image_size=SIZE, progress=False)[0].camera)
 
 
 def test_paths_that_are_not_there(tmp_path):
@@ -599,6 +611,8 @@ def test_detections_are_places_on_the_ground(some):
     exact = some.to_field(feet, 0, pixel_sd=0.0)
     assert np.all(exact.standard_deviations < some.to_field(feet, 0).standard_deviations)
     assert some.to_field([], "x").X.shape == (0, 3)
+    with pytest.warns(UserWarning, match="within 0..1, as shares of the picture"):
+        some.to_field(boxes / (*SIZE, *SIZE), "x")
     with pytest.raises(ValueError, match="no labelled pixels"):
         some.to_field(boxes, "y")
     with pytest.raises(ValueError, match="say which frame"):

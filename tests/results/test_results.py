@@ -509,7 +509,7 @@ NUMBERS = {  # of findings that have some
     What.RECOGNISED: (3.5,),
     **dict.fromkeys((What.CONTRADICTED, What.INACCURATE, What.NOT_LEVEL, What.SHARED_MISFIT), (0.25,)),
     **dict.fromkeys((What.IMPROBABLE, What.OTHER_SIZE, What.SUSPECTS, What.MISSED), (1.0, 2.0)),
-    **dict.fromkeys((What.OTHER_PICTURE, What.EXPLAINED), (960.0, 540.0)),
+    **dict.fromkeys((What.OTHER_PICTURE, What.EXCHANGED_SIZE, What.EXPLAINED), (960.0, 540.0)),
     What.ONE_OF: (6.0,),
     What.RAISED: (0.46, 0.05),
     What.LITTLE_PAINT: (44.0,),

@@ -492,7 +492,7 @@ def test_a_clip_of_a_court_needs_no_network():
 def test_run_finds_courts_without_a_model(tmp_path, capsys):
     cv2.imwrite(str(tmp_path / "a.png"), picture(TENNIS, tennis()))
     assert run("run", tmp_path / "a.png", "--field", "tennis", "--out", tmp_path / "out") == 0
-    assert "courts are found by search" in capsys.readouterr().err
+    assert "the court is found by search" in capsys.readouterr().err
     found = fieldcalib.read(tmp_path / "out")["a"]
     assert found.accepted
     assert Truth(TENNIS, tennis()).distance(found.required_camera) < 1.0
