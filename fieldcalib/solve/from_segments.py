@@ -49,7 +49,7 @@ from fieldcalib.solve.mislabels import Relabelled, without_mislabels
 from fieldcalib.solve.misreadings import with_other_names
 from fieldcalib.solve.request import GivenCamera, Options, Task, as_fixed
 from fieldcalib.solve.search import find_cameras, fits_other_side, is_against_convention, repeats
-from fieldcalib.solve.solver_options import DEFAULT_CRITERIA, CalibrationFlags, Criteria, Prior
+from fieldcalib.solve.solver_options import ALL, DEFAULT_CRITERIA, CalibrationFlags, Criteria, Prior
 
 NOISY = 4.0  # times the usual noise: none of 755 good cameras of annotated frames misses its labels by more than 2.7
 UNKNOWN_FOCAL_LENGTH = 0.1  # standard deviation of log f from which on heights are known to a tenth at best
@@ -466,8 +466,14 @@ def _against(
         is_named = may_blame(evidence.given, missed, evidence.unknowns)
         worst = max(missed, key=lambda label: errors[label]) if is_named else ""
         found.append(Finding(What.MISSED, worst, (len(missed), len(errors))))
-    is_misfit = evidence.rms > NOISY * options.noise
-    return found + ([Finding(What.MISFIT, numbers=(float(evidence.rms),))] if is_misfit else [])
+    if evidence.rms > NOISY * options.noise:
+        found.append(Finding(What.MISFIT, numbers=(float(evidence.rms),)))
+    labels, field = evidence.labels, options.field
+    is_checked = sum(labels.equations.values()) - evidence.unknowns > 1 or not all(
+        segment.is_point for segment in labels.segments.values()
+    )
+    knows_place = field is None or field.stands or options.task.prior not in (None, ALL)  # `from_points` has its own
+    return found if is_checked or knows_place else [*found, Finding(What.UNCHECKED)]
 
 
 def _lens_is_prior(labels: Information, options: Options) -> BoolArray:
