@@ -95,9 +95,8 @@ def pixels_of_ground(camera: Camera, field: Field) -> tuple[Array, Array]:
 
 def _border_in_view(camera: Camera, field: Field) -> tuple[Array, Array]:
     """Pixels (N, 2) and ground points (N, 2) of the border of the field, where most errors are largest."""
-    along = np.linspace(-1.0, 1.0, BORDER_SAMPLES)
-    ends = np.ones(BORDER_SAMPLES)
-    sides = np.concatenate([np.stack(one, axis=1) for s in (-ends, ends) for one in ((along, s), (s, along))])
+    grid = np.stack(np.meshgrid(*2 * [np.linspace(-1.0, 1.0, BORDER_SAMPLES)]), axis=-1).reshape(-1, 2)
+    sides = grid[np.abs(grid).max(axis=1) == 1.0]
     X = np.pad(0.5 * sides * (field.length, field.width), ((0, 0), (0, 1)))
     xy = camera.project(field.terrain.raised(X))
     seen = np.all((xy >= 0.0) & (xy <= np.subtract(camera.image_size, 1.0)), axis=-1)  # false for NaN

@@ -114,8 +114,9 @@ def calibrate_from_segments(
     prior : str, CameraDistribution, an iterable of them, or None
         Stands where the camera may be: a weak prior and the source of initial cameras. "all" tries all stands of the
         field, for `soccer` the main stand's centre, left and right, the opposite stand and behind both goals; the name
-        of one, like "main center", restricts the search to it. An object without stands needs a distribution of its
-        own. None takes initial cameras from all stands and solves without a prior.
+        of one, like "main center", restricts the search to it. The camera of a `Field` without stands may be anywhere;
+        an object that is no `Field` needs a distribution of its own. None takes initial cameras from all stands and
+        solves without a prior.
     loss : {"cauchy", "soft_l1", "huber", "linear"} or RobustLoss
         Robust loss of the final stage.
     tau : float, optional
@@ -469,11 +470,10 @@ def _against(
     if evidence.rms > NOISY * options.noise:
         found.append(Finding(What.MISFIT, numbers=(float(evidence.rms),)))
     labels, field = evidence.labels, options.field
-    is_checked = sum(labels.equations.values()) - evidence.unknowns > 1 or not all(
-        segment.is_point for segment in labels.segments.values()
-    )
-    knows_place = field is None or field.stands or options.task.prior not in (None, ALL)  # `from_points` has its own
-    return found if is_checked or knows_place else [*found, Finding(What.UNCHECKED)]
+    is_free = field is not None and not field.stands and options.task.prior in (None, ALL)  # `from_points` has its own
+    points = is_free and all(segment.is_point for segment in labels.segments.values())
+    is_unchecked = points and sum(labels.equations.values()) <= evidence.unknowns + 1
+    return [*found, Finding(What.UNCHECKED)] if is_unchecked else found
 
 
 def _lens_is_prior(labels: Information, options: Options) -> BoolArray:
