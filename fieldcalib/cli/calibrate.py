@@ -124,7 +124,7 @@ class _Method:
             return self._on_free_field(pictures, frames, placement)
 
         def of_prior(prior: Prior, ids: Sequence[str]) -> list[Calibration]:
-            task = Task(self.field, self.known.given, self.known.flags, prior=prior, tau=self.tau)
+            task = Task(self.field, self.known.given, self.known.flags(prior), prior=prior, tau=self.tau)
             some, method = [frames[id] for id in ids], partial(calibrate_labels, task)
             is_estimated = self.known.is_aspect_estimated
             return with_likely_aspect(self.field, method, some, placement.frame_size, estimated=is_estimated)
@@ -146,7 +146,7 @@ class _Method:
         (prior,) = {self._prior_of(id) for id in frames}
         size = placement.frame_size
         found = estimate_field_size(
-            self.field, list(frames.values()), size, prior=prior, flags=self.known.flags, tau=self.tau
+            self.field, list(frames.values()), size, prior=prior, flags=self.known.flags(prior), tau=self.tau
         )
         message = str(found) if self.free_field_size == SHARED else ""
         details = _size_record(found)

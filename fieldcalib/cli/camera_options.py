@@ -25,7 +25,7 @@ from fieldcalib.io.soccernet import camera_from_record
 from fieldcalib.problem.picture_shape import LEAST_RATIO, Crop, Declared, Placement
 from fieldcalib.run_folder.record import ESTIMATED
 from fieldcalib.solve.request import GivenCamera
-from fieldcalib.solve.solver_options import KNOWN_INTRINSICS_FLAGS, LENS_FLAGS, CalibrationFlags
+from fieldcalib.solve.solver_options import KNOWN_INTRINSICS_FLAGS, LENS_FLAGS, CalibrationFlags, Prior
 
 CAMERA_FILE_KEY = "x_focal_length"  # in this package's own camera files
 SQUARE = "square"
@@ -182,11 +182,12 @@ class KnownCamera:
                 "--intrinsics, --position and --rotation together leave nothing to estimate: leave one out"
             )
 
-    @property
-    def flags(self) -> CalibrationFlags:
-        """Flags of what is known and what is estimated."""
+    def flags(self, prior: Prior) -> CalibrationFlags:
+        """Flags of what is known and what is estimated under a prior."""
         F = CalibrationFlags
         flags = KNOWN_INTRINSICS_FLAGS if self.intrinsics is not None else LENS_FLAGS[self.lens]
+        if prior is None:
+            flags |= F.CALIB_FIX_PRINCIPAL_POINT
         if self.intrinsics is not None and self.intrinsics.fisheye:
             flags |= F.CALIB_FISHEYE
         if self.position is not None:

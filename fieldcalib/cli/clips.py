@@ -105,7 +105,7 @@ def run_clip(request: RunRequest, shards: Shards | None = None) -> int:
     if not request.refine:
         raise ValueError("--clip calibrates frames together from the lines in them: leave --no-refinement out")
     began = time.perf_counter()
-    check_of_clip(request.known.flags)
+    check_of_clip(request.known.flags(request.prior))
     network, threads = or_search(lambda: load_network(request.network)), request.network.video_threads
     source = frames_of_files(request.paths, request.cut, request.read, threads, is_clip=True)
     input = ClipInput(source, request.placement)
@@ -147,7 +147,7 @@ def run_stream(request: RunRequest) -> int:
     record = RunRecord.of(request.run, [], unit=1)
     path = request.run.out / OVERLAY
     end: Exception | KeyboardInterrupt | None = None
-    check_of_clip(request.known.flags)
+    check_of_clip(request.known.flags(request.prior))
     with ExitStack() as opened:
         receivers = [opened.enter_context(Receiver(address)) for address in request.send or ()]
         opened.enter_context(reader)

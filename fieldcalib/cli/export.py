@@ -14,6 +14,8 @@ from fieldcalib._whole_files import remove_temporaries, write_bytes
 from fieldcalib.assess.findings import Finding, Verdict, What
 from fieldcalib.console.arguments import folder_name, positive
 from fieldcalib.console.options import add_options, given, option
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.ground_homography import field_homography
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.exports.blender import blender_error, blender_files
 from fieldcalib.io.exports.colmap import colmap_files
@@ -66,7 +68,7 @@ class FormatOptions:
     image_names: str | None = option(
         f"of colmap and nerfstudio: names of the images, with <id> in it ({IMAGE_NAMES})", metavar="NAME"
     )
-    fps: float | None = option("of blender: frames per second (25)", type=positive, metavar="N")
+    fps: float | None = option("of blender: frames per second (those of the clip, or 25)", type=positive, metavar="N")
     sensor_width: float | None = option(
         "of blender and freed: width of the sensor, to which the focal length in mm refers (36)",
         type=positive,
@@ -96,6 +98,8 @@ def run(options: argparse.Namespace) -> int:
     function = FORMATS[options.format]
     keywords = _keywords(options.format, given(FormatOptions, options))
     results = read(options.folder)
+    if "fps" in signature(function).parameters and results.frames_per_second:
+        keywords.setdefault("fps", results.frames_per_second)
     lines = {line["id"]: line for line in results.frames.mains()}
     frames = _frames(results, lines, options)
     if options.format in ("soccernet", "tvcalib", "gsr"):  # programs that read these take every field to be level
@@ -112,6 +116,8 @@ def run(options: argparse.Namespace) -> int:
     out = options.out or base / options.format
     _write(files, out, [base / name for name in (LINES, SOLVER, TABLE)], overwrite=options.overwrite)
     _say(frames, out, options.format)
+    if options.format == "homography":
+        _say_of_ground(frames, keywords["fields"])
     unknown = [id for id in with_cameras(frames) if has_finding(lines[id], What.GROUND_ONLY)]
     if unknown and options.format != "homography":
         say(f"{counted(len(unknown), 'camera')}, the first of frame {unknown[0]}: {Finding(What.GROUND_ONLY)}")
@@ -169,3 +175,11 @@ def _say(frames: FrameCameras, out: Path, format: str) -> None:
         worst, at = max(zip(shifts, cameras, strict=True))
         if worst > 0.0:
             say(f"{what}: without it the image moves by up to {worst:.1f} px (frame {at})")
+
+
+def _say_of_ground(frames: FrameCameras, fields: Mapping[str, Field]) -> None:
+    raised = {id: camera for id, camera in with_cameras(frames).items() if not fields[id].terrain.is_level}
+    off = {id: field_homography(camera, fields[id]).largest_m for id, camera in raised.items()}
+    if off:
+        worst = max(off, key=lambda id: off[id])
+        say(f"a homography is level, the ground is not: from_raw is up to {off[worst]:.1f} m off (frame {worst})")

@@ -245,7 +245,9 @@ class ImageCalibrator:
     def on_one_tripod(self, files: Sequence[FrameFile]) -> ImageCalibrator:
         """Find the place of the camera from some images together."""
         given, task, images = self.request.field, self.how.task, self._some_in_frame(files, MOST)
-        place = pooled_place(given, images, flags=self.request.known.flags, prior=task.prior, side=self.how.side)
+        place = pooled_place(
+            given, images, flags=self.request.known.flags(task.prior), prior=task.prior, side=self.how.side
+        )
         if place is None:
             say("the images tell no common place of their camera: each is searched by itself")
         else:

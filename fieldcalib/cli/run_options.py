@@ -119,7 +119,7 @@ class RunRequest:
     def how(self, network: Network | None = None) -> How:
         """How the frames are calibrated."""
         return How(
-            Task(self.field, self.known.given, self.known.flags, prior=self.prior),
+            Task(self.field, self.known.given, self.known.flags(self.prior), prior=self.prior),
             network,
             self.side,
             refine=self.refine,

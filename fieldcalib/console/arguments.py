@@ -406,7 +406,7 @@ def prior_of(options: argparse.Namespace) -> Prior:
     Raises
     ------
     ValueError
-        If the field has no such stand, or none at all.
+        If the field has no such stand.
     """
     if options.prior == NO_PRIOR:
         return None
@@ -415,11 +415,6 @@ def prior_of(options: argparse.Namespace) -> Prior:
     if prior not in known:
         hint = did_you_mean(prior, (*known, NO_PRIOR))
         raise ValueError(f"--prior {prior}: expected {', '.join(known)} or {NO_PRIOR}{hint}")
-    if prior == ALL and not field.stands:
-        raise ValueError(
-            f"--field {options.field} does not say where its cameras stand: add `stands` to it, or give --prior "
-            f"{NO_PRIOR} to calibrate without (docs/how-to/own-court.md has an example)"
-        )
     return prior
 
 

@@ -6,6 +6,7 @@ Images are OpenCV's: uint8, (height, width, 3), blue, green, red. Every function
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -16,6 +17,8 @@ from fieldcalib.draw.ground import Colour, Ground, add_paint, mix, rays, surface
 from fieldcalib.draw.scene import SHIFT, draw_dot, fixed_point, to_uint8
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.ground import Terrain
+from fieldcalib.fields.segments import Line
+from fieldcalib.fields.traits import Paint
 from fieldcalib.geometry.camera import Camera, checked_image_size
 from fieldcalib.io.image_files import Image, checked_image
 
@@ -27,6 +30,7 @@ SPOTLIGHT: Colour = (90, 225, 255)
 UNSEEN = 0.62  # brightness of the ground that a camera does not see
 BORDER, AROUND = 64, 3  # points along a side of the image; pixels of the map around what is in view
 FARTHEST = 1e5  # pixels of a map; OpenCV's are 32-bit integers
+DOT = 5.0  # px: diameter of the points of a field that has nothing else
 FINER, RIM = 6, 8  # subpixels along a pixel of the map, and of them in the border: what is seen moves without jumps
 MAP_MARGIN = 7.0 / np.hypot(105.0, 68.0)  # around the field, in shares of its diagonal
 
@@ -294,6 +298,12 @@ def _map_of(field: Field, size: tuple[int, int]) -> tuple[Camera, Array, Float32
     overhead = Camera.from_angles(0.0, 0.0, 0.0, scale * above, (0.0, 0.0, -above), size, middle)
     ground = Ground.of_rays(overhead, rays(overhead))
     picture = surface(ground, field)
+    if not field.markings:  # the border, and the points as dots
+        x, y = field.length / 2.0, field.width / 2.0
+        corners = ((-x, -y, 0.0), (x, -y, 0.0), (x, y, 0.0), (-x, y, 0.0))
+        border = {f"border {t}": Line(corners[t - 1], corners[t]) for t in range(4)}
+        dots = dict.fromkeys(field.points, Paint(width=DOT / scale))
+        field = replace(field, segments={**field.points, **border}, paint=dots)
     add_paint(picture, ground, field, 0.9, least=1.3 / scale)
     return overhead, np.stack([*ground.xy, np.zeros((height, width))], axis=-1), picture, to_uint8(UNSEEN * picture)
 

@@ -45,7 +45,8 @@ def draw_field(
 ) -> Image:
     """Draw the projected markings, with distortion, onto a copy of an image.
 
-    Lines, arcs and ordered point clouds become anti-aliased curves, unordered clouds become dots; points are left out.
+    Lines, arcs and ordered point clouds become anti-aliased curves, unordered clouds become dots. Points are left out,
+    but of a `Field` that has nothing else they are dots with their names.
     Segments of a `Field` without paint along them (rows of marks, edges of wide lines) are drawn darker.
     Parts behind the camera, or so far out that the lens is not monotone, have no image and are not drawn.
 
@@ -117,6 +118,13 @@ def draw_field(
                 else curves
             )
             cv2.polylines(picture, [fixed_point(part) for part in parts], False, shade, thickness, cv2.LINE_AA, SHIFT)
+    if isinstance(object_segments, Field) and not object_segments.markings:
+        points = np.concatenate([np.empty((0, 3)), *(segment.sample() for segment in segments)])
+        places = camera.project(points if terrain is None else terrain.raised(points))
+        pixels = {label: xy[None] for label, xy in zip(labels, places, strict=True)}
+        for xy in places:
+            draw_dot(picture, xy, 2.0 * thickness, colour)
+        _write_names(picture, pixels, 4.0 * max(1.0, thickness / 2.0))
     return picture
 
 

@@ -29,7 +29,7 @@ from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.picture_shape import Placement
 from fieldcalib.solve.batch import calibrate_labels
 from fieldcalib.solve.request import Task
-from fieldcalib.solve.solver_options import CalibrationFlags, pixel_unit
+from fieldcalib.solve.solver_options import pixel_unit
 
 WEIGHT_OF_NETWORK = 0.3  # weight of a mark that a network set; one that a person set has 1
 MOST_MARKS = 6  # largest number of marks taken over from a network for each label
@@ -61,7 +61,7 @@ def automatic(field: Field, image: Image, network: Network | None) -> tuple[Cali
     Without a network there is no camera yet, as the search (`searched`) takes longer.
     """
     if network is None:
-        to_search = [Finding(What.TO_SEARCH)] if field.stands else []
+        to_search = [Finding(What.TO_SEARCH)] if field.stands and field.markings else []
         said = in_words(*to_search) or NOTHING_YET
         return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, said, *to_search), Marks()
     (calibration,) = calibrate_from_images(field, [image], network)
@@ -124,8 +124,6 @@ def fitted(task: Task, image: Image, marks: Marks) -> Calibration:
     """
     size, field = size_of(image), task.field
     assert field is not None
-    if not field.stands:  # without a prior the principal point would be unconstrained
-        task = replace(task.with_flags(CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT), prior=None)
     try:
         # agrees with calibrate_from_segments to 1e-6, and saves the time of its second solver
         weights = _weights(marks, size)

@@ -115,8 +115,8 @@ class Field(Mapping[str, Segment]):
     segments : mapping of str to segment
         The markings and named points.
     stands : sequence of CameraDistribution
-        Where cameras stand, for calibrations without a prior: each is tried, the best one is kept. Without any, a
-        calibration needs a prior.
+        Where cameras stand, for calibrations without a prior: each is tried, the best one is kept. Without any, the
+        camera of labels may be anywhere, and pictures are not searched.
     more_stands : sequence of CameraDistribution
         Stands that are used only where a prior names them.
     farthest_camera : float

@@ -12,7 +12,8 @@ from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.homography import dehomogenize, homogenize
 
-SAMPLES = 33  # along each axis of the picture, and of the field
+SAMPLES = 33  # along each axis of the picture
+BORDER_SAMPLES = 129  # along each side of the field
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +41,7 @@ class FieldHomography:
     rms_px: float
     """Root mean square distance by which `from_raw` misses the camera, pixels, over the field in view."""
     largest_px: float
-    """The largest one."""
+    """The largest one, in the picture and along the border of the field."""
     rms_m: float
     """The same on the ground, metres."""
     largest_m: float
@@ -75,9 +76,12 @@ def field_homography(camera: Camera, field: Field) -> FieldHomography:
     if fitted is None:
         return FieldHomography(exact, np.full((3, 3), np.nan), *4 * [float("nan")])
     raw = _inverse(fitted)
+    on_border = _border_in_view(camera, field)
+    xy, X, count = np.concatenate([xy, on_border[0]]), np.concatenate([X, on_border[1]]), len(xy)
     pixels = np.linalg.norm(dehomogenize(homogenize(X) @ fitted.T) - xy, axis=-1)
     metres = np.linalg.norm(dehomogenize(homogenize(xy) @ raw.T) - X, axis=-1)
-    return FieldHomography(exact, raw, _rms(pixels), float(pixels.max()), _rms(metres), float(metres.max()))
+    rms_px, rms_m = _rms(pixels[:count]), _rms(metres[:count])
+    return FieldHomography(exact, raw, rms_px, float(pixels.max()), rms_m, float(metres.max()))
 
 
 def pixels_of_ground(camera: Camera, field: Field) -> tuple[Array, Array]:
@@ -87,6 +91,16 @@ def pixels_of_ground(camera: Camera, field: Field) -> tuple[Array, Array]:
     X = camera.image_to_field(xy, terrain=field.terrain)[:, :2]
     shows = np.all(np.abs(X) <= (field.length / 2.0, field.width / 2.0), axis=-1)  # false for NaN
     return xy[shows], X[shows]
+
+
+def _border_in_view(camera: Camera, field: Field) -> tuple[Array, Array]:
+    """Pixels (N, 2) and ground points (N, 2) of the border of the field, where most errors are largest."""
+    grid = np.stack(np.meshgrid(*2 * [np.linspace(-1.0, 1.0, BORDER_SAMPLES)]), axis=-1).reshape(-1, 2)
+    sides = grid[np.abs(grid).max(axis=1) == 1.0]
+    X = np.pad(0.5 * sides * (field.length, field.width), ((0, 0), (0, 1)))
+    xy = camera.project(field.terrain.raised(X))
+    seen = np.all((xy >= 0.0) & (xy <= np.subtract(camera.image_size, 1.0)), axis=-1)  # false for NaN
+    return xy[seen], X[seen, :2]
 
 
 def _fitted(X: Array, xy: Array) -> Array | None:

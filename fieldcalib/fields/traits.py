@@ -22,6 +22,7 @@ SURFACES = (*LAWNS, "ice", "wood", "floor", "hard court", "clay", "sand")
 OTHERS = (1 / 6, 1 / 6, 1 / 3, 1 / 3)
 DEVIATIONS = 1.96  # standard deviations to either side of the mean that hold 95 % of a normal distribution
 SOCCER_LENGTH = 105.0  # metres: length of the field that the stands of broadcast cameras surround
+ANYWHERE = 10.0  # times the ranges of stands, where nothing is known of them
 SOCCER_SCALE = 40.0  # metres: size of the part of a soccer field that is usually in view
 
 
@@ -368,6 +369,23 @@ def stands_around(scale: float) -> tuple[CameraDistribution, ...]:
         return range[0] * (scale / SOCCER_SCALE), range[1] * (scale / SOCCER_SCALE)
 
     return tuple(replace(stand, x=scaled(stand.x), y=scaled(stand.y), z=scaled(stand.z)) for stand in ALL_STANDS)
+
+
+def stands_anywhere(scale: float) -> tuple[CameraDistribution, ...]:
+    """`stands_around` with ranges so wide that labels alone tell the place, rotation and zoom of a camera.
+
+    What whole pictures have in common stays known: the principal point, the shape of pixels, and the lens.
+    """
+
+    def wider(range: tuple[float, float]) -> tuple[float, float]:
+        middle, half = 0.5 * (range[0] + range[1]), 0.5 * ANYWHERE * (range[1] - range[0])
+        return middle - half, middle + half
+
+    def widened(stand: CameraDistribution) -> CameraDistribution:
+        x, y, z, pan, tilt, roll = map(wider, (stand.x, stand.y, stand.z, stand.pan, stand.tilt, stand.roll))
+        return replace(stand, x=x, y=y, z=z, pan=pan, tilt=tilt, roll=roll, fov=(2.0, 150.0))
+
+    return tuple(map(widened, stands_around(scale)))
 
 
 def stands_beside(

@@ -57,7 +57,7 @@ from fieldcalib.solve.batch import calibrate_labels
 from fieldcalib.solve.field_size import of_size, shared_size
 from fieldcalib.solve.likelier_shape import with_likely_aspect
 from fieldcalib.solve.request import GivenCamera, Task
-from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, Prior
+from fieldcalib.solve.solver_options import ALL, Prior
 
 PathLike: TypeAlias = str | os.PathLike[str]
 Labels: TypeAlias = ImageSegments | Annotation
@@ -88,7 +88,7 @@ def calibrate(
     dist_coeffs: ArrayLike | None = None,
     rvec: ArrayLike | None = None,
     tvec: ArrayLike | None = None,
-    flags: int = DEFAULT_FLAGS,
+    flags: int | None = None,
     prior: Prior = ALL,
     camera: Mount = "tripod",
     side: Side | None = None,

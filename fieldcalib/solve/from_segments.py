@@ -49,7 +49,7 @@ from fieldcalib.solve.mislabels import Relabelled, without_mislabels
 from fieldcalib.solve.misreadings import with_other_names
 from fieldcalib.solve.request import GivenCamera, Options, Task, as_fixed
 from fieldcalib.solve.search import find_cameras, fits_other_side, is_against_convention, repeats
-from fieldcalib.solve.solver_options import DEFAULT_CRITERIA, CalibrationFlags, Criteria, Prior
+from fieldcalib.solve.solver_options import ALL, DEFAULT_CRITERIA, CalibrationFlags, Criteria, Prior
 
 NOISY = 4.0  # times the usual noise: none of 755 good cameras of annotated frames misses its labels by more than 2.7
 UNKNOWN_FOCAL_LENGTH = 0.1  # standard deviation of log f from which on heights are known to a tenth at best
@@ -114,8 +114,9 @@ def calibrate_from_segments(
     prior : str, CameraDistribution, an iterable of them, or None
         Stands where the camera may be: a weak prior and the source of initial cameras. "all" tries all stands of the
         field, for `soccer` the main stand's centre, left and right, the opposite stand and behind both goals; the name
-        of one, like "main center", restricts the search to it. An object without stands needs a distribution of its
-        own. None takes initial cameras from all stands and solves without a prior.
+        of one, like "main center", restricts the search to it. The camera of a `Field` without stands may be anywhere;
+        an object that is no `Field` needs a distribution of its own. None takes initial cameras from all stands and
+        solves without a prior.
     loss : {"cauchy", "soft_l1", "huber", "linear"} or RobustLoss
         Robust loss of the final stage.
     tau : float, optional
@@ -466,8 +467,13 @@ def _against(
         is_named = may_blame(evidence.given, missed, evidence.unknowns)
         worst = max(missed, key=lambda label: errors[label]) if is_named else ""
         found.append(Finding(What.MISSED, worst, (len(missed), len(errors))))
-    is_misfit = evidence.rms > NOISY * options.noise
-    return found + ([Finding(What.MISFIT, numbers=(float(evidence.rms),))] if is_misfit else [])
+    if evidence.rms > NOISY * options.noise:
+        found.append(Finding(What.MISFIT, numbers=(float(evidence.rms),)))
+    labels, field = evidence.labels, options.field
+    is_free = field is not None and not field.stands and options.task.prior in (None, ALL)  # `from_points` has its own
+    points = is_free and all(segment.is_point for segment in labels.segments.values())
+    is_unchecked = points and sum(labels.equations.values()) <= evidence.unknowns + 1
+    return [*found, Finding(What.UNCHECKED)] if is_unchecked else found
 
 
 def _lens_is_prior(labels: Information, options: Options) -> BoolArray:

@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from fieldcalib.fields.field import Field, ObjectSegments
-from fieldcalib.fields.traits import DISTRIBUTIONS, CameraDistribution, LineLook
+from fieldcalib.fields.traits import DISTRIBUTIONS, CameraDistribution, LineLook, stands_anywhere
 
 Prior: TypeAlias = str | CameraDistribution | Iterable[str | CameraDistribution] | None
 Criteria: TypeAlias = tuple[int, int, float]
@@ -156,13 +156,12 @@ def checked_prior(
         if isinstance(member, CameraDistribution):
             found.append(member)
         elif isinstance(member, str) and member == ALL:
-            if field is None or not field.stands:
-                why = "the object is not a Field" if field is None else "the field has no stands"
+            if field is None:
                 raise ValueError(
-                    f"{why}: say where its camera may stand by prior, a CameraDistribution or the name of one; None "
-                    f"leaves it open, and may need rvec and tvec as a start"
+                    "the object is not a Field: make it one, Field(length, width, segments), or say where its camera "
+                    "stands by prior, a CameraDistribution; None leaves it open, and may need rvec and tvec as a start"
                 )
-            found.extend(field.stands)
+            found.extend(field.stands or stands_anywhere(field.scale))
         elif isinstance(member, str) and member in named:
             found.append(named[member])
         else:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from commands import lines_of, run
 from networks import FIELD, looked_at
+from other_tools import blender_data
 
 from fieldcalib import Camera
 from fieldcalib.draw.scene import render_field
@@ -72,6 +73,12 @@ def test_a_folder_is_a_clip_if_it_is_said(know, folder, rendered, tmp_path, caps
     for name, value in zip("xyz", (1.0, 66.0, -16.0), strict=True):
         found = tripod[f"position_{name}_m"]
         assert abs(found["value"] - value) < 3.0 * found["standard_deviation"] + 0.1
+    clip = out / "clip.jsonl"
+    clip.write_text(clip.read_text().replace('"frames_per_second": 25.0', '"frames_per_second": 30.0'))
+    for options, rate in (((), 30), (("--fps", 50, "--overwrite"), 50)):
+        assert run("export", out, "--format", "blender", *options) == 0
+        settings, _ = blender_data({"camera.py": (out / "blender" / "camera.py").read_bytes()})
+        assert settings["fps"] == rate
 
 
 def test_names_come_before_numbers(know, tmp_path):

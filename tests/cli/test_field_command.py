@@ -5,12 +5,14 @@ from dataclasses import replace
 from pathlib import Path
 from shutil import copy
 
+import cv2
 import numpy as np
 import pytest
 from commands import lines_of, run
 
 from fieldcalib import Camera, soccer
 from fieldcalib.fields import tennis
+from fieldcalib.fields.segments import Point
 from fieldcalib.io.field_files import write_field
 from fieldcalib.io.soccernet import format_annotation
 from fieldcalib.localize.network import SHIPPED
@@ -100,13 +102,31 @@ def test_what_cannot_be(court, tmp_path, capsys, options, message):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_field_without_stands_says_what_to_do(court, tmp_path, capsys):
-    path = tmp_path / "own.yaml"
+@pytest.mark.parametrize(
+    ("parts", "says"),
+    [
+        ({"stands": ()}, "the field has no `stands`"),
+        ({"segments": {"Corner": Point((0.0, 0.0, 0.0))}, "paint": {}}, "the field has no lines to search for"),
+    ],
+)
+def test_only_labels_do_without_stands_and_lines(court, tmp_path, capsys, parts, says):
+    path, picture = tmp_path / "own.yaml", tmp_path / "a.png"
+    write_field(path, replace(tennis(), **parts))
+    cv2.imwrite(str(picture), np.zeros((540, 960, 3), np.uint8))
+    assert run("run", picture, "--field", path, "--out", tmp_path / "run") == 2
+    assert says in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("prior", ["all", "none"])
+def test_labels_need_no_stands(court, tmp_path, prior):
+    path, out = tmp_path / "own.yaml", tmp_path / "out"
     write_field(path, replace(tennis(), stands=()))
-    assert calibrate(court, tmp_path / "out", "--field", path) == 2
-    said = capsys.readouterr().err
-    assert f"--field {path} does not say where its cameras stand: add `stands` to it, or give --prior none" in said
-    assert calibrate(court, tmp_path / "out", "--field", path, "--prior", "none") == 0
+    assert calibrate(court, out, "--field", path, "--prior", prior) == 0
+    (found,) = read(out).values()
+    assert found.verdict == "good"
+    assert np.linalg.norm(found.camera.C - TRUTH.C) < 1.0
+    is_in_the_middle = np.array_equal(found.camera.principal_point, np.divide(SIZE, 2.0))
+    assert is_in_the_middle == (prior == "none")
 
 
 def test_a_field_that_was_edited_has_one_size(court, tmp_path, capsys):

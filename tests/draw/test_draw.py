@@ -14,7 +14,8 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.minimap import draw_minimap
 from fieldcalib.draw.overlays import PALETTE, draw_calibration, draw_field, draw_segments, label_colour
 from fieldcalib.draw.scene import text_size
-from fieldcalib.fields.segments import Arc, Line, PointCloud
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.segments import Arc, Line, Point, PointCloud
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.solve.from_homography import calibrate_from_homography
@@ -337,3 +338,17 @@ def test_the_reason_is_written_within_the_picture(size):
     assert rows.max() < height - 1
     _, above, below = text_size("no marking", min(height, 1.5 * width) / 900.0)
     assert np.ptp(rows) > 1.5 * (above + below)  # several lines
+
+
+def test_a_field_of_points_is_drawn_as_points_and_the_map_with_its_border():
+    corners = {f"corner {x} {y}": Point((x, y, 0.0)) for x in (-14.0, 14.0) for y in (-7.5, 7.5)}
+    seen = Camera.from_angles(0.0, 1.2, 0.0, 700.0, (0.0, 28.0, -11.0), SIZE)
+    picture = draw_field(black(), seen, Field(28.0, 15.0, corners), colour=(0, 255, 255))
+    for corner in corners.values():
+        x, y = seen.project(corner.X).round().astype(int)
+        assert picture[y, x].tolist() == [0, 255, 255]
+    board = draw_minimap(None, Field(28.0, 15.0, {"middle": Point((0.0, 0.0, 0.0))}), size=(340, 220))
+    white = board[..., 0] > 130
+    assert white[108:112, 168:172].any()
+    assert white.any(axis=0).sum() > 200
+    assert white.any(axis=1).sum() > 100

@@ -12,11 +12,12 @@ from hypothesis import given
 from strategies import cameras
 from synthetic import visible_field_points
 
-from fieldcalib import Camera, soccer
-from fieldcalib.fields import field_homography
+from fieldcalib import Camera, calibrate, soccer
+from fieldcalib.fields import Ground, field_homography
 from fieldcalib.geometry.homography import dehomogenize, homogenize
 from fieldcalib.io.exports.homography import homography_files
 
+SEEN = ("Side line top", "Middle line", "Circle central", "Big rect. right main", "Big rect. right top")
 BENT = Camera.from_angles(0.2, 1.35, 0.01, 1400.0, (0.0, 65.0, -16.0), (960, 540), k=(0.08, 0.0))
 
 
@@ -44,6 +45,21 @@ def test_the_lens_costs_what_is_said():
     inside = np.all(np.abs(X) <= (52.5, 34.0), axis=1)
     missed = np.linalg.norm(mapped(found.from_raw, xy[inside]) - X[inside], axis=1)
     assert 0.3 * found.largest_m < missed.max() <= 1.05 * found.largest_m
+
+
+def test_the_ground_costs_what_is_said_up_to_the_border(tmp_path, capsys):
+    field = soccer().with_ground(Ground(crown=0.3))
+    camera = Camera.from_angles(0.2, 1.37, 0.01, 1100.0, (0.0, 65.0, -16.0), (960, 540))
+    X = np.stack(np.meshgrid(np.linspace(-52.5, 52.5, 400), np.linspace(-34.0, 34.0, 270)), axis=-1).reshape(-1, 2)
+    xy = camera.project(field.terrain.raised(np.pad(X, ((0, 0), (0, 1)))))
+    inside = np.all((xy >= 0.0) & (xy <= (959.0, 539.0)), axis=1)
+    found = field_homography(camera, field)
+    missed = np.linalg.norm(mapped(found.from_raw, xy[inside]) - X[inside], axis=1).max()
+    assert 0.98 * found.largest_m < missed < 1.02 * found.largest_m
+    pixels = {label: camera.project(field.terrain.raised(field[label].sample(5.0))) for label in SEEN}
+    calibrate(pixels, field, image_size=(960, 540), progress=False).save(tmp_path / "r")
+    assert run("export", tmp_path / "r", "--format", "homography", "--keep-rejected") == 0
+    assert "the ground is not: from_raw is up to " in capsys.readouterr().err
 
 
 def test_the_command_writes_a_table_and_arrays(calibrated_folder, tmp_path):

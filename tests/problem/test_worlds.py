@@ -13,11 +13,13 @@ from strategies import examples
 from synthetic import observe
 
 import fieldcalib
+from fieldcalib.assess.findings import Verdict, What
 from fieldcalib.assess.ndc import ndc_loss
+from fieldcalib.assess.probability import largest_move
 from fieldcalib.assess.result import doubted
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Arc, Line
+from fieldcalib.fields.segments import Arc, Line, Point
 from fieldcalib.fields.sports.soccer import PROBABILITY, soccer
 from fieldcalib.fields.traits import (
     ALL_STANDS,
@@ -118,17 +120,40 @@ def test_few_labels_leave_the_camera_on_the_stand_of_the_court():
     assert in_stadium.C[1] > 40.0
 
 
-def test_a_field_without_stands_needs_a_prior():
+def test_the_camera_of_a_field_without_stands_may_be_anywhere():
     bare = Field(28.0, 15.0, court_segments())
     frame = labelled(COURT, court_camera(), SEEN)
-    for prior in ("all", ["all", SIDE]):
-        with pytest.raises(ValueError, match="the field has no stands: say where its camera may stand by prior"):
-            calibrate_from_segments(bare, frame, SIZE, prior=prior)
-        with pytest.raises(ValueError, match="the field has no stands"):
-            calibrate_batch(bare, [frame], SIZE, prior=prior)
-    for prior in (SIDE, None):
+    with pytest.raises(ValueError, match="the object is not a Field: make it one"):
+        calibrate_from_segments(dict(bare), frame, SIZE)
+    (batched,) = calibrate_batch(bare, [frame], SIZE)
+    assert np.linalg.norm(batched.camera.C - court_camera().C) < 1.0
+    corner = Camera.from_angles(0.8, 1.1, 0.0, 1500.0, (-32.0, 36.0, -30.0), SIZE)  # far from stands around the court
+    found = calibrate_from_segments(bare, labelled(COURT, corner, SEEN), SIZE)
+    assert found.verdict is Verdict.GOOD
+    assert np.linalg.norm(found.camera.C - corner.C) < 1.0
+    for prior in ("all", ["all", SIDE], SIDE, None):
         found = calibrate_from_segments(bare, frame, SIZE, prior=prior)
         assert np.linalg.norm(found.camera.C - court_camera().C) < 1.0
+
+
+@pytest.mark.parametrize("prior", ["all", None])
+def test_points_of_a_court_are_enough_without_a_place(prior):
+    """The principal point stays near the middle, whatever is unknown of the place."""
+    corners = {f"{x} {y}": Point((x, y, 0.0)) for x in (-14.0, -8.2, 8.2, 14.0) for y in (-7.5, -2.4, 2.4, 7.5)}
+    field, truth = Field(28.0, 15.0, corners), Camera.from_angles(0.3, 1.2, 0.0, 900.0, (-5.0, 30.0, -12.0), SIZE)
+    rng = np.random.default_rng(0)
+    for _ in range(6):
+        seen = list(corners)[::2] + list(corners)[:2]
+        clicks = {name: truth.project([corners[name].X]) + rng.normal(0.0, 1.0, (1, 2)) for name in seen}
+        (found,) = fieldcalib.calibrate(clicks, field, image_size=SIZE, prior=prior, progress=False).values()
+        assert found.verdict is Verdict.GOOD, found.reason
+        assert largest_move(truth, found.camera, field) < 1.0
+        four = dict(list(clicks.items())[:4])
+        (found,) = fieldcalib.calibrate(
+            four, field, image_size=SIZE, prior=prior, flags=fieldcalib.PINHOLE_FLAGS, progress=False
+        ).values()
+        assert found.verdict is not Verdict.GOOD
+        assert found.has_finding(What.UNCHECKED)
 
 
 def test_stands_are_known_by_the_names_of_the_field():

@@ -223,7 +223,7 @@ def test_densely_labelled_frames_are_solved_a_few_at_a_time():
 
 def test_an_object_that_is_no_field_needs_to_say_where_its_camera_stands():
     line = {"edge": Line((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))}
-    with pytest.raises(ValueError, match="the object is not a Field: say where its camera may stand by prior"):
+    with pytest.raises(ValueError, match="the object is not a Field: make it one"):
         calibrate_from_segments(line, {"edge": [(1, 2), (300, 4)]}, SIZE)
 
 

@@ -343,7 +343,8 @@ def find_courts(image: Image, field: Field, *, flags: int = DEFAULT_FLAGS, prior
     Raises
     ------
     ValueError
-        If the image is not uint8 or has no three channels, or the field has no stands and no prior is given.
+        If the image is not uint8 or has no three channels, or the field has no lines, or no stands and no prior is
+        given.
 
     Examples
     --------
@@ -367,6 +368,7 @@ def searches_for(
     """
     task = Task(field, flags=flags, prior=prior)
     task.options(size_of(picture.image))  # raises what the user did wrong before the search
+    _check_searchable(task, field)
     return _searches(task, field, picture, estimate_size=True)
 
 
@@ -381,8 +383,16 @@ def search_courts(task: Task, images: Sequence[Image], *, estimate_size: bool = 
         raise ValueError("courts are searched for a Field, whose size is known: without one a network is needed")
     if not task.given.is_empty:
         raise ValueError("of a camera that is searched for nothing may be given: leave it out, or give a network")
+    _check_searchable(task, field)
     found = ([*_searches(task, field, PictureToSearch(one), estimate_size=estimate_size)][-1].courts for one in images)
     return [one[0].calibration if one else Calibration.without_camera(*NOTHING) for one in found]
+
+
+def _check_searchable(task: Task, field: Field) -> None:
+    if not field.markings:
+        raise ValueError("the field has no lines to search for: label its points")
+    if not field.stands and task.prior == ALL:
+        raise ValueError("the field has no `stands`, where cameras are searched for: add them, or label the pictures")
 
 
 @dataclass(frozen=True, eq=False)
