@@ -96,7 +96,7 @@ def check_segments(
             xy = real_array(values)
         except ValueError as error:
             if isinstance(values, Sequence) and isinstance(values[0], Mapping):
-                raise ValueError(f"{label!r}: {short(values[0])} is no pixel: {OF_FILE}") from None
+                raise ValueError(f"{label!r}: expected pixels (N, 2), got {short(values[0])}: {OF_FILE}") from None
             raise ValueError(f"{label!r}: expected pixels of shape (N, 2), got {repr(values)[:100]}: {error}") from None
         if xy.size == 0:
             continue

@@ -89,7 +89,7 @@ OF_NO_PICTURE |= {What.FRAMES_BESIDE_CLIP, What.CUTS_BESIDE_CLIP}  # said of a r
 
 
 def test_the_docs_say_where_they_are():
-    assert "`fieldcalib.assess.how`" in REFUSED
+    assert "`fieldcalib.assess.how(calibration.advice)`" in REFUSED
 
 
 @pytest.mark.parametrize("what", [what for what in What if what not in OF_NO_PICTURE])
