@@ -66,11 +66,7 @@ class Curve:
     """Number of the shot of each frame, (T,)."""
 
 
-def plot_sequence(
-    calibrations: Sequence[Calibration | None],
-    *,
-    frames_per_second: float | None = None,
-) -> Image:
+def plot_sequence(calibrations: Sequence[Calibration | None], *, frames_per_second: float | None = None) -> Image:
     """Plot pan, tilt, roll, focal length and centre of the cameras of a clip over time.
 
     A band around each curve is the 95 % interval of each frame; its median half width is written beside it, or the
