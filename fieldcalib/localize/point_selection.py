@@ -103,8 +103,8 @@ def check_classes(probability: Float32, classes: Sequence[str], object_segments:
     unknown = classes_without_segment(classes, object_segments)
     if unknown:
         raise ValueError(
-            f"the network's class {unknown[0]!r} is not a segment of the object: give the object that the network was "
-            f"trained for, or name the class {BACKGROUND!r} to ignore it"
+            f"the network's class {unknown[0]!r} is not a segment of the object: give a network= that was trained for "
+            f"it (that of the package knows soccer alone), or name the class {BACKGROUND!r} to ignore it"
         )
 
 

@@ -18,8 +18,8 @@ cameras = [
 ]
 images = [render_field(camera, field, rng=np.random.default_rng(0)) for camera in cameras]
 overhead = overhead_camera(field, 0.2)
-one, _ = top_view(images[3], cameras[3], overhead)
-all_, _ = mosaic(zip(images, cameras, strict=True), overhead)
+one, _ = top_view(images[3], cameras[3], overhead, field)
+all_, _ = mosaic(zip(images, cameras, strict=True), overhead, field)
 
 # %%
 figure, axes = plt.subplots(1, 2, figsize=(12, 4.2))
