@@ -19,6 +19,7 @@ OPTION = "option"  # key of the metadata of such fields
 
 NEGATIVE = re.compile(r"-\.?\d")  # how a negative number begins
 SYNONYMS = {"sport": "field", "from": "start", "to": "end", "image-size": "size"}  # what people try first
+SIZES, OF_SIZE = ("--size", "--image-size"), "; pictures and videos have a size: leave it out"
 COMMAND = "COMMAND"
 LIKE = 0.65  # least similarity, from 0 to 1, of a name that is suggested: none for --frames or --gpu
 
@@ -93,8 +94,6 @@ def did_you_mean(text: str, known: Iterable[str]) -> str:
     names = {one.lstrip("-"): one for one in known}  # dashes, which all options have, make none of them similar
     tried = text.lower().lstrip("-")
     meant = SYNONYMS.get(tried, "")
-    if tried == "size" and tried not in names:
-        return "; pictures and videos have a size: leave it out"
     close = [meant] if meant in names else difflib.get_close_matches(tried, list(names), n=1, cutoff=LIKE)
     return f"; did you mean {names[close[0]]}?" if close else ""
 
@@ -131,7 +130,8 @@ class Parser(argparse.ArgumentParser):
         command = self.chosen or self
         options = [name for action in command._actions for name in action.option_strings]
         unknown = [name for name in _options_in(self._given) if not any(one.startswith(name) for one in options)]
-        hints = {name: did_you_mean(name, options) for name in unknown}
+        sizes = () if "--size" in options else SIZES
+        hints = {name: OF_SIZE if name in sizes else did_you_mean(name, options) for name in unknown}
         said = (hint if name in message else f"; there is no {name}{hint}" for name, hint in hints.items() if hint)
         name, missing = command.prog, message.partition("arguments are required: ")[2].split(", ")
         lacking = [one for one in command._actions if one.option_strings and "/".join(one.option_strings) in missing]

@@ -229,19 +229,20 @@ def draw_calibration(
     """
     expect(calibration, Calibration, "that of calibrate_from_segments")
     truth(show_paint, "show_paint")
-    of: Any = calibration.field if field is None else field
+    shown: Any = calibration.field if field is None else field
     (height, width), camera, accepted = checked_image(image).shape[:2], calibration.camera, calibration.accepted
+    if camera is not None or shown is not None:
+        check_object(shown)
     if camera is None:
         picture = np.array(image, order="C")
     else:
-        check_object(of)
         colours = {one.label: ORANGE if one.is_displaced else GREY for one in calibration.markings if one.is_off}
         thickness = max(1, round(height / 540.0))
         picture = draw_field(
-            image, camera, of, thickness=thickness, dashed=not accepted, colours=colours if show_paint else {}
+            image, camera, shown, thickness=thickness, dashed=not accepted, colours=colours if show_paint else {}
         )
         if accepted:
-            inset_map(picture, camera, of)
+            inset_map(picture, camera, shown)
             return picture
     scale = min(height, 1.5 * width) / 900.0
     margin, reason = round(20.0 * scale), calibration.message.partition(";")[0]

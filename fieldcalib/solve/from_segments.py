@@ -259,8 +259,8 @@ def _with_views_from_above(
     again = _calibrate_as_given(pixels.of_frames(tried), options, solve, np.array([start[t] for t in tried]))
     chosen = list(found)
     for t, one in zip(tried, again, strict=True):
-        agrees = one.accepted and not any(finding.what.is_against for finding in found_of(one))
-        agrees = agrees and one.required_camera.angles[1] < STEEPLY
+        looks_down = one.accepted and one.required_camera.angles[1] < STEEPLY
+        agrees = looks_down and not any(finding.what.is_against for finding in found_of(one))
         if agrees and not (found[t].accepted and _cost(found[t]) < _cost(one)):
             chosen[t] = one
     return chosen
@@ -278,7 +278,7 @@ def _start_above(found: Calibration, options: Options) -> Array | None:
     if field is None or problem.layout.lens != options.layout.lens:
         return None
     if found.are_annotated and any(finding.what is What.MISFIT for finding in found_of(found)):
-        start = straight_above(problem.observations, options.stands.mean[0])[0]
+        start = straight_above(problem.observations, options.stands.mean[0], options.scale)[0]
         return start if np.linalg.norm(start[CENTER]) < field.farthest_camera else None  # not if it is NaN
     is_unusual = bool(np.any(np.abs(problem.prior_residuals(evaluation.theta)) > UNUSUAL))
     is_tried = is_unusual if found.accepted else found.status in (Status.DEGENERATE, Status.IMPLAUSIBLE)

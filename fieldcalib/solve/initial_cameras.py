@@ -177,22 +177,23 @@ def pointed_camera(
     return theta
 
 
-def straight_above(observations: Observations, mean: Array) -> Array:
+def straight_above(observations: Observations, mean: Array, scale: float) -> Array:
     """Cameras (T, n) that look straight down where the middles of segments are seen nearest to their pixels.
 
     All but the pose is that of `mean` (n,), as height and focal length are open against one another; NaN where all
-    segments have one middle. Plane and image are complex numbers: ``xy = f / height exp(-i pan) (X - C)``.
+    segments have one middle. Plane and image are complex numbers: ``xy = f / height exp(-i pan) (X - C)``. `scale` is
+    the size of the part that is usually in view, metres.
     """
-    X, xy, weight = _segment_middles(observations, SHORT * SOCCER_SCALE)
+    X, xy, weight = _segment_middles(observations, SHORT * scale)
     points, seen = (p[..., 0] + 1j * p[..., 1] for p in (X, xy - mean[PRINCIPAL_POINT]))
     X0, xy0 = (np.sum(weight[..., 0] * p, axis=1, keepdims=True) for p in (points, seen))
     spread = weight[..., 0] * np.conj(points - X0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        scale = np.sum(spread * (seen - xy0), axis=1) / np.sum(spread * (points - X0), axis=1)
-        C = X0[:, 0] - xy0[:, 0] / scale
+        ratio = np.sum(spread * (seen - xy0), axis=1) / np.sum(spread * (points - X0), axis=1)
+        C = X0[:, 0] - xy0[:, 0] / ratio
         theta = np.repeat(mean[None], len(C), axis=0)
-        theta[:, ANGLES] = np.angle(scale)[:, None] * (-1.0, 0.0, 0.0)
-        theta[:, CENTER] = np.stack([C.real, C.imag, -np.exp(mean[LOG_F]) / np.abs(scale)], axis=1)
+        theta[:, ANGLES] = np.angle(ratio)[:, None] * (-1.0, 0.0, 0.0)
+        theta[:, CENTER] = np.stack([C.real, C.imag, -np.exp(mean[LOG_F]) / np.abs(ratio)], axis=1)
     return theta
 
 

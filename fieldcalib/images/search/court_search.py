@@ -157,7 +157,7 @@ def _is_other(calibration: Calibration, marking: MarkingInView) -> bool:
     if not np.any(seen):
         return False
     scale = np.linalg.norm(camera.project(X + STEP * across) - xy, axis=1)[seen] / STEP  # px per metre
-    error = calibration.uncertainty.at_field(X[seen]).rms
+    error = calibration.errors.on(calibration.field).at_field(X[seen]).rms  # by the lines: paint is what is asked
     return bool(marking.offset - FARTHER * np.median(error * scale) > LEAST_OFF * pixel_unit(camera.image_size))
 
 
